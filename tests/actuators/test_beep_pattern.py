@@ -84,6 +84,7 @@ def test_leaving_the_full_level_goes_over_into_beeps() -> None:
     assert beeps(sounding[50:]) == pytest.approx(2.0 / 0.126, abs=2)
 
 
+@pytest.mark.long
 @given(levels=st.lists(st.floats(0.01, 1.0), min_size=60, max_size=200))
 def test_whatever_the_level_does_above_zero_it_sounds_at_least_once_in_the_slowest_period(levels: list[float]) -> None:
     sounding = listen(make(), levels)

@@ -102,6 +102,7 @@ def disk():
     return Disk()
 
 
+@pytest.mark.long
 def test_a_quiet_hour_is_not_written_at_all_until_its_end(disk):
     kept = Kept(disk, NEAR)
     kept.see(*[3.0] * 200)

@@ -133,6 +133,7 @@ def test_of_what_was_not_delivered_only_what_came_and_what_went_is_written(path)
     assert [each for each in memory.undelivered if not each[0]] == [alert(400), alert(401)]
 
 
+@pytest.mark.long
 @given(
     steps=st.lists(
         st.lists(st.tuples(st.sampled_from(["", "phone"]), st.sampled_from("abc")), max_size=8), min_size=2, max_size=5
@@ -195,6 +196,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
+@pytest.mark.long
 def test_a_process_that_is_killed_leaves_what_it_wrote_last(path):
     done = subprocess.run(
         [sys.executable, "-c", KILLED, path, Path(__file__).parent], capture_output=True, text=True, check=False
@@ -205,6 +207,7 @@ def test_a_process_that_is_killed_leaves_what_it_wrote_last(path):
     assert warning == ""
 
 
+@pytest.mark.long
 def test_a_change_that_was_cut_off_by_a_power_cut_leaves_what_was_there_before(path):
     store = AlarmStore(path)
     store.open()

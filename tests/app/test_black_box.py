@@ -179,6 +179,7 @@ def test_what_the_memory_has_no_room_for_is_missing_at_the_beginning_and_said(tm
     assert times[-1] == pytest.approx(21.9)
 
 
+@pytest.mark.long
 def test_a_full_disk_is_said_and_the_next_clip_is_whole(tmp_path, monkeypatch):
     monkeypatch.setattr(black_box_module, "FREE_MIN_BYTES", 1e15)
     room = Room(tmp_path, 'after = "1 s"')
@@ -195,6 +196,7 @@ def test_a_full_disk_is_said_and_the_next_clip_is_whole(tmp_path, monkeypatch):
     assert room.loop.trouble() == ""
 
 
+@pytest.mark.long
 def test_the_oldest_clips_go_and_those_of_others_stay(tmp_path):
     memory, feed = feeding(tmp_path, memory="4 MB", before="1 s", max_total="10 MB")
     clips = tmp_path / "clips"

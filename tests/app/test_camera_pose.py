@@ -60,6 +60,7 @@ def room(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_a_run_finds_its_pose_and_its_journal_gives_the_same_one_again(room, tmp_path):
     configuration = load_configuration(room / "room.toml")
     writer = JournalWriter(tmp_path / "run.jsonl", to_be_recorded(configuration))

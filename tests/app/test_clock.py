@@ -55,6 +55,7 @@ def test_a_callback_may_cancel_itself():
     assert len(calls) == 1
 
 
+@pytest.mark.long
 @given(st.lists(st.floats(0, 2), max_size=20))
 def test_how_the_time_is_cut_into_steps_makes_no_difference(steps):
     whole, cut, calls, cut_calls = ManualClock(), ManualClock(), [], []

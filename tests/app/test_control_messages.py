@@ -18,6 +18,7 @@ ANYTHING = st.recursive(
 )
 
 
+@pytest.mark.long
 @given(line=st.binary() | ANYTHING.map(lambda value: json.dumps(value).encode()))
 def test_any_bytes_are_a_request_or_are_refused_in_words(line):
     transaction = transaction_of(line)

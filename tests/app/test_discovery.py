@@ -123,6 +123,7 @@ def test_identifiers_stay_as_they_are(message, tmp_path):
 NAMES = st.text("abA-_0", min_size=1, max_size=6)
 
 
+@pytest.mark.long
 @given(targets=st.sets(NAMES, max_size=6), rules=st.sets(NAMES, max_size=6))
 def test_no_two_entities_are_the_same_however_targets_and_rules_are_called(targets, rules):
     kinds = ["rule", "sigma", "in_service", "threshold", "closing_speed", "take"]

@@ -20,6 +20,7 @@ def test_the_age_of_a_program_is_from_its_start_and_grows():
     assert 0 < earlier <= program_age_s()
 
 
+@pytest.mark.long
 def test_the_age_of_a_program_counts_what_python_itself_took():
     started = "import time; began = time.perf_counter(); from stadimeter.app.live.history import program_age_s; print("
     told = subprocess.run(

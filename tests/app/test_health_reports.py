@@ -71,6 +71,7 @@ def run(tmp_path: Any) -> Run:
     return Run(tmp_path)
 
 
+@pytest.mark.long
 def test_health_is_published_every_half_minute_with_what_is_known(run):
     messages = run.for_s(70.0)
     told = [json.loads(payload) for payload in run.on("health")]

@@ -94,6 +94,7 @@ def test_the_same_rules_over_a_recording_decide_the_same(tmp_path):
     assert result.events == result.recorded_events
 
 
+@pytest.mark.long
 @given(sights=st.lists(st.none() | st.floats(allow_nan=True, allow_infinity=True) | st.floats(0.1, 8), min_size=1))
 def test_even_broken_figures_replay_to_the_same_decisions(tmp_path_factory, sights):
     path = tmp_path_factory.mktemp("journal") / "run.jsonl"
@@ -349,6 +350,7 @@ except JournalError as error:
 """
 
 
+@pytest.mark.long
 def test_a_disk_that_fills_up_leaves_a_journal_of_whole_lines(tmp_path):
     """A limit on the size of files stands in for the disk: the system cuts a write short in the same way."""
     path = tmp_path / "run.jsonl"

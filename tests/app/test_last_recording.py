@@ -85,6 +85,7 @@ def test_one_recording_follows_another_without_pictures_and_each_replays_to_the_
     assert len(set(times_s)) == len(times_s) > 950
 
 
+@pytest.mark.long
 def test_a_fleet_tries_a_configuration_on_it_across_recordings(device, monkeypatch):
     policy = load_policy(device.with_name("fleet.toml"))
     monkeypatch.setattr(trial, "LAST_S", 120.0)

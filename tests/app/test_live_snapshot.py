@@ -100,6 +100,7 @@ def test_it_tells_where_messages_go_and_the_newest_of_each_topic(tmp_path):
     assert newest.items() >= {each["topic"]: each["payload"] for each in link["topics"][:10]}.items()
 
 
+@pytest.mark.long
 def test_the_figures_are_those_of_the_cycle_and_the_outline_lies_where_the_ball_was_found(demonstration):
     _, feed = demonstration
     record, (target,) = feed.history.record, as_data(feed)["targets"]

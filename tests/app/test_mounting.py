@@ -122,6 +122,7 @@ class Rig:
         return self.cycle(images[0])
 
 
+@pytest.mark.long
 def test_a_camera_that_stays_is_as_saved(tmp_path, pictures, reference):
     rig = Rig(tmp_path, reference)
     assert rig.watch.mounting.status is MountingStatus.NOT_JUDGED, "before the first check nothing is known"

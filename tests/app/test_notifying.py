@@ -176,6 +176,7 @@ def service() -> Iterator[WebhookListener]:
         yield listener
 
 
+@pytest.mark.long
 def test_a_real_notification_reaches_a_real_service(tmp_path, service):
     (tmp_path / "phone.txt").write_text(f"json://{HOST}:{service.port}/hook")
     loop = run(tmp_path, "apprise", 'url_file = "phone.txt"')

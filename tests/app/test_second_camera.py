@@ -73,6 +73,7 @@ def test_a_target_of_unknown_size_is_measured_whatever_size_is_written(tmp_path,
     assert set(run.remarks()) == {TOGETHER}
 
 
+@pytest.mark.long
 def test_a_wrong_size_is_said_and_the_interval_holds_all_the_same(tmp_path):
     run = Watched(load(tmp_path, targets_ball='tolerance = "0.1 mm"', world="seed = 2"), 1.0)
     run.parts.world.ball.diameter_m *= 1.08

@@ -119,6 +119,7 @@ def event(number):
     )
 
 
+@pytest.mark.long
 def test_a_picture_comes_with_what_was_found_in_exactly_this_frame(tmp_path):
     rig = Rig(tmp_path)  # the grey of its pictures counts them
     control = ControlSocket(tmp_path / "run.sock", dict, watched=Subscriptions(LiveFeed(rig.clock, rig.loop.history)))

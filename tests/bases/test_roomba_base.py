@@ -215,6 +215,7 @@ def test_at_a_cliff_it_cannot_be_opened_until_somebody_has_moved_it(
     assert bench.wheels_mps == pytest.approx((0.3, 0.3), rel=0.02)
 
 
+@pytest.mark.long
 def test_a_run_leaves_it_standing_at_a_stair_until_it_is_moved_away(bench: BaseBench) -> None:
     clock = bench.clock
     standing = TwistCommand(output="base", linear_mps=0.0, angular_radps=0.0)

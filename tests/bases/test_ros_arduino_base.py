@@ -397,6 +397,7 @@ def test_options_that_make_no_robot_are_errors(wrong: dict[str, Any], says: str)
         RosArduinoOptions.model_validate(OPTIONS | wrong)
 
 
+@pytest.mark.long
 def test_on_a_real_clock_with_the_board_in_a_thread_the_wheels_turn_and_stop() -> None:
     clock = MonotonicClock()
     context = DriverContext(name="base", clock=clock)

@@ -238,6 +238,7 @@ def test_a_part_takes_its_place_in_the_report_with_its_goals_and_its_commit(tmp_
     assert grown.count("Measured at commit ") == 3
 
 
+@pytest.mark.long
 def test_a_report_names_the_commit_as_it_was_before_its_own_charts(tmp_path, monkeypatch) -> None:
     import report
     from part import Chart, Part

@@ -31,6 +31,7 @@ def start_up():
     yield from _benchmark("start_up")
 
 
+@pytest.mark.long
 def test_it_measures_every_row_and_prints_a_table(machinery):
     rows = machinery.measure_all(counts=(1, 30), frames=60, rounds=1)
     whats = ("decide", "all but vision, no journal", machinery.WHOLE)
@@ -43,6 +44,7 @@ def test_it_measures_every_row_and_prints_a_table(machinery):
     assert machinery.markdown(rows).count("\n|") == 7 + len(with_broker)
 
 
+@pytest.mark.long
 def test_the_configuration_has_as_many_rules_as_it_says_and_they_do_something(machinery, tmp_path):
     plan = load_configuration(machinery.configuration(100, tmp_path)).plan
     assert len(plan.rules) == 100

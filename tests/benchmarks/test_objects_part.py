@@ -20,6 +20,7 @@ def test_people_are_measured_within_what_people_and_boxes_differ() -> None:
     assert all(0.04 < each.sigma_m / each.measured_m < 0.12 for each in samples)
 
 
+@pytest.mark.long
 def test_the_part_has_a_line_and_figures_for_each_row() -> None:
     import objects
 

@@ -10,6 +10,7 @@ from support.crossing_balls import appearances, courses, picture_of
 from support.scenes.draw import CAMERA, TUNING_SEEDS
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("is_crossing", [False, True])
 def test_four_balls_keep_their_names_for_ten_seconds(is_crossing: bool) -> None:
     import several_balls

@@ -27,6 +27,7 @@ def test_the_right_camera_sees_the_same_target_from_where_it_is(rig, name) -> No
     assert pair.left.seed != pair.right.seed
 
 
+@pytest.mark.long
 def test_each_way_of_measuring_has_a_sample_and_a_pair_without_the_target_has_no_distance(rig) -> None:
     from stereo import JOINED, WAYS, measure_scenes, scenes_of
 

@@ -185,6 +185,7 @@ def test_pictures_arrive_as_they_were_sent(
     assert np.array_equal(frames[-1].image, sent)
 
 
+@pytest.mark.long
 def test_a_stream_that_is_sent_without_a_type_is_known_by_its_beginning(
     server: Server, open_camera: Callable[..., OpenCvCamera]
 ) -> None:

@@ -300,6 +300,7 @@ def test_a_camera_that_another_program_holds_is_said_to_be_in_use(sensor: Sensor
         camera_on(sensor).open()
 
 
+@pytest.mark.long
 def test_attempts_to_open_a_busy_camera_leave_no_descriptors_open(sensor: Sensor) -> None:
     camera_on(sensor).open()
     other = camera_on(sensor)

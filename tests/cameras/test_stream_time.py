@@ -233,6 +233,7 @@ def test_a_stated_latency_counts_into_the_age() -> None:
     assert found[-1] == pytest.approx(10 + 29 / 30 - 0.15)
 
 
+@pytest.mark.long
 def test_a_lag_that_grows_slowly_is_seen_and_two_clocks_that_run_apart_are_not_taken_for_one() -> None:
     lagging, drifting = StreamTime(), StreamTime()
     for number in range(9000):

@@ -91,6 +91,7 @@ def test_a_picture_with_nothing_in_it_has_a_reason(target: str) -> None:
             assert _is_ordinary(detection)
 
 
+@pytest.mark.long
 @pytest.mark.vision
 @pytest.mark.oldest_opencv
 @pytest.mark.parametrize("target", TARGETS)

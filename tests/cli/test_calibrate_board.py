@@ -84,6 +84,7 @@ def test_a_picture_without_the_board_is_left_out_and_exits_1(
     assert output.exists()
 
 
+@pytest.mark.long
 def test_a_board_that_is_never_found_says_what_to_look_at_and_writes_nothing(
     pictures: list[Path], output: Path
 ) -> None:

@@ -56,6 +56,7 @@ def test_a_wrong_camera_file_is_said_to_be_wrong_by_how_much_and_which_way(pictu
     assert "% too far" in verdict
 
 
+@pytest.mark.long
 def test_a_picture_without_the_target_exits_1(picture: Path, tmp_path: Path) -> None:
     wall = tmp_path / "wall.png"
     cv2.imwrite(str(wall), np.full((480, 640, 3), 90, np.uint8))

@@ -49,6 +49,7 @@ def _run(folder: Path, images: list[Image], answers: str, *options: str) -> Resu
     return result
 
 
+@pytest.mark.long
 def test_two_distances_asked_for_and_proved_give_a_camera_file(tmp_path: Path) -> None:
     result = _run(tmp_path, [_ball_at(1.0), _ball_at(3.0)], "\n\n")
     assert result.exit_code == 0, result.output
@@ -82,6 +83,7 @@ def test_distances_that_contradict_each_other_leave_no_file(tmp_path: Path) -> N
     assert not (tmp_path / "camera.toml").exists()
 
 
+@pytest.mark.long
 def test_the_distance_that_it_really_has_can_be_typed_and_a_wrong_unit_is_asked_again(tmp_path: Path) -> None:
     result = _run(tmp_path, [_ball_at(1.0), _ball_at(2.5)], "\n3 apples\n2.5m\n", "--at", "1m", "--at", "2m")
     assert result.exit_code == 0, result.output
@@ -90,12 +92,14 @@ def test_the_distance_that_it_really_has_can_be_typed_and_a_wrong_unit_is_asked_
     assert "at 2.5m" in load_camera_model(tmp_path / "camera.toml").provenance.notes[1]
 
 
+@pytest.mark.long
 def test_the_second_distance_follows_from_the_first_one_that_is_typed(tmp_path: Path) -> None:
     result = _run(tmp_path, [_ball_at(0.8), _ball_at(2.4)], "80 cm\n\n")
     assert result.exit_code == 0, result.output
     assert "Now put it at 2.4 m." in result.stdout
 
 
+@pytest.mark.long
 def test_a_target_that_is_not_seen_is_asked_for_again(tmp_path: Path) -> None:
     result = _run(tmp_path, [NOTHING, _ball_at(1.0), _ball_at(3.0)], "\n\n\n")
     assert result.exit_code == 0, result.output

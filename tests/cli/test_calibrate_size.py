@@ -212,6 +212,7 @@ def _live(folder: Path, camera: Path, images: list[Image], answers: str, *option
     return _run("--live", config, "--camera", camera, *BALL, *options, answers=answers)
 
 
+@pytest.mark.long
 def test_before_a_camera_each_place_is_asked_for(camera, tmp_path) -> None:
     result = _live(tmp_path, camera, [_image("ball", way_m) for way_m in (0.0, 0.2, 0.4)], "\n\n\n")
     assert result.exit_code == 0, result.output
@@ -220,6 +221,7 @@ def test_before_a_camera_each_place_is_asked_for(camera, tmp_path) -> None:
     assert re.search(r"diameter 1[78]\.\d cm ± 0\.\d", result.stdout)
 
 
+@pytest.mark.long
 def test_before_a_camera_another_place_may_be_typed_and_a_missed_thing_is_asked_for_again(camera, tmp_path) -> None:
     images = [_image("ball", 0.0), NOTHING, _image("ball", 0.25)]
     result = _live(tmp_path, camera, images, "\n\n25 apples\n25cm\n", "--move", "20cm")

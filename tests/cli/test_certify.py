@@ -172,6 +172,7 @@ def test_two_distances_are_too_few_and_the_third_goes_on_with_them(site: Path) -
     assert "going on; 0.6 m was measured before" in rest.stderr
 
 
+@pytest.mark.long
 def test_a_person_types_the_distance_skips_one_and_stops_and_nothing_is_lost(site: Path) -> None:
     # The pictures show 1 m, whatever is asked for: the first is as it is, the second is typed, the third is skipped.
     result = run(site, "--at", "60cm,2m,3m,4m", answers="1 m ± 3 mm\nskip\n5 parsec\n")
@@ -184,6 +185,7 @@ def test_a_person_types_the_distance_skips_one_and_stops_and_nothing_is_lost(sit
     assert (kept["tape_m"], kept["tape_sigma_m"]) == (1.0, 0.003)
 
 
+@pytest.mark.long
 def test_a_target_that_is_not_there_is_asked_for_again(site: Path) -> None:
     site.write_text(site.read_text().replace("middle", "nothing"))
     result = run(site, "--at", "60cm", answers="\n\nskip\n")

@@ -82,6 +82,7 @@ def test_another_thing_of_the_colour_is_told_with_its_place(tmp_path: Path) -> N
     assert "something else has that colour, at 450,240" in told.stdout
 
 
+@pytest.mark.long
 def test_two_lights_join_into_a_range_for_both(tmp_path: Path) -> None:
     noon = _picture(tmp_path / "noon.png", ((300, 200), 40, GREEN))
     dusk = _picture(tmp_path / "dusk.png", ((200, 260), 36, GREEN), light=0.35)
@@ -105,6 +106,7 @@ def test_pointing_at_the_background_says_so(green_ball: Path) -> None:
     assert "it is background; point at the middle of the ball" in told.stderr
 
 
+@pytest.mark.long
 def test_pointing_at_something_that_is_no_ball_says_that_none_is_found_there(green_ball: Path) -> None:
     image = cv2.imread(str(green_ball))
     cv2.rectangle(image, (420, 300), (560, 330), ORANGE, cv2.FILLED)

@@ -280,6 +280,7 @@ class Responder:
         client.publish(f"{self._base}/response/acknowledge", "nonsense", 1)
 
 
+@pytest.mark.long
 def test_an_alarm_of_a_device_is_acknowledged(broker: MosquittoBroker, device: Client) -> None:
     responder = Responder(device, "stadimeter/hall/press")
     at = ("fleet", "--host", HOST, "--port", broker.port, "--wait", "100 s", "--by", "Ada")

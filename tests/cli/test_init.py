@@ -93,6 +93,7 @@ def test_one_command_leads_to_a_measured_target_and_a_rule_that_acts(tmp_path: P
     assert "near raised" in ran.stdout, "the first pictures show it at 0.8 m"
 
 
+@pytest.mark.long
 def test_a_ball_of_any_colour_is_set_up_without_a_range_and_measured(tmp_path: Path) -> None:
     for at_m in (0.8, 2.0):
         _picture(tmp_path / f"{at_m:g}m.png", "silver ball", at_m)
@@ -136,6 +137,7 @@ def test_a_real_ball_before_a_live_camera_is_measured_and_a_rule_acts(
     assert "near raised" in ran.stdout
 
 
+@pytest.mark.long
 def test_wishes_are_listed_in_groups_chosen_by_numbers_and_found_in_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -177,6 +179,7 @@ def test_a_ball_in_a_real_video_is_found_though_the_first_frames_are_empty(tmp_p
     assert [rule.rule.name for rule in load_configuration(tmp_path / "stadimeter.toml").rules] == ["near", "gone"]
 
 
+@pytest.mark.long
 def test_what_was_there_is_kept_as_a_version(tmp_path: Path) -> None:
     _picture(tmp_path / "1m.png", "disc", 1.0)
     (tmp_path / "stadimeter.toml").write_text("# mine\n")
@@ -240,6 +243,7 @@ def test_an_example_that_is_not_there_is_refused_with_those_that_are(tmp_path: P
     assert "only appliance, demo, distance-alert, follow-ball" in told.stderr
 
 
+@pytest.mark.long
 def test_the_answers_that_the_guide_shows_lead_to_a_configuration(tmp_path: Path) -> None:
     for name, at_m in (("50cm", 0.6), ("2m", 2.1)):
         _picture(tmp_path / f"{name}.png", "ball", at_m)
@@ -347,6 +351,7 @@ def _typed(folder: Path, monkeypatch: pytest.MonkeyPatch, *answers: str) -> Resu
     return CliRunner().invoke(app, ["init", str(folder)], input="".join(f"{answer}\n" for answer in answers))
 
 
+@pytest.mark.long
 def test_an_interview_that_was_left_is_gone_on_with_though_there_is_a_configuration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -84,6 +84,7 @@ def measured(folder: Path, picture: str) -> dict[str, float | None]:
     return {each["target"]: each["distance_m"] for each in results}
 
 
+@pytest.mark.long
 def test_a_person_is_set_up_with_a_network_of_this_folder_and_measured(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "person.png"), dark_room(300))
     write_network(tmp_path / "mine.onnx", "yolox")
@@ -157,6 +158,7 @@ def test_a_picture_is_set_up_from_a_file_that_shows_it(tmp_path: Path) -> None:
     assert measured(tmp_path, "room.png")["picture"] == pytest.approx(made.truth.distance_m, rel=0.01)
 
 
+@pytest.mark.long
 def test_several_balls_are_set_up_counted_and_measured_each_by_its_name(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "three.png"), balls(NEAR, BESIDE, FAR))
     told = init(tmp_path, target="balls", size="20 cm", number="4", colour=COLOUR, wish="near crowd", crowd_near="3 m")

@@ -44,6 +44,7 @@ def test_the_help_loads_no_command():
     assert among(loaded_by(code), HEAVY) == []
 
 
+@pytest.mark.long
 def test_no_command_loads_a_driver_that_nobody_named():
     """One after the other in one process, so that the first that loads a driver is named."""
     modules = sorted({place_of(name)[0] for commands in PANELS.values() for name in commands})
@@ -60,6 +61,7 @@ print(json.dumps(loaders))"""
     assert {name: among(loaded, OF_DRIVERS) for name, loaded in loaders.items() if among(loaded, OF_DRIVERS)} == {}
 
 
+@pytest.mark.long
 def test_a_run_loads_no_warnings_no_rule_tests_and_no_descriptions(tmp_path):
     config = Path(__file__).parents[2] / "config" / "demo.toml"
     arguments = ["run", str(config), "--frames", "2", "--speed", "0", "--state", str(tmp_path / "state")]
@@ -71,11 +73,13 @@ def test_a_run_loads_no_warnings_no_rule_tests_and_no_descriptions(tmp_path):
     assert among(loaded, ["stadimeter.app.feasibility", "stadimeter.workbench"]) == []
 
 
+@pytest.mark.long
 def test_a_run_loads_nothing_that_only_other_views_and_commands_need():
     unused = ["rich", "asyncio", "mcap", "stadimeter.workbench", "stadimeter.app.recordings", "stadimeter.app.control"]
     assert among(loaded_by("import stadimeter.cli.run"), unused) == []
 
 
+@pytest.mark.long
 def test_measuring_a_picture_loads_no_rules():
     loaded = loaded_by("import stadimeter.cli.measure")
     assert among(loaded, ["stadimeter.workbench.measuring"])
@@ -103,6 +107,7 @@ except SystemExit:
 """
 
 
+@pytest.mark.long
 def test_the_collector_works_again_when_a_command_does():
     done = subprocess.run([sys.executable, "-c", FROM_THE_START], capture_output=True, text=True, check=True)
     assert done.stdout == "collects: True True\n"

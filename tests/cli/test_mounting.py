@@ -72,6 +72,7 @@ def test_a_view_is_saved_beside_the_configuration_and_compared_with(site) -> Non
     assert moved.stdout.startswith("not as saved (moved): pan +0.")
 
 
+@pytest.mark.long
 def test_without_a_saved_view_the_answer_names_the_command_that_saves_one(site) -> None:
     missing = typed("mounting", "check", site)
     assert missing.returncode == 2
@@ -87,6 +88,7 @@ def test_too_few_pictures_save_nothing(site) -> None:
     assert not site.with_suffix(".mounting").exists()
 
 
+@pytest.mark.long
 def test_a_white_wall_saves_nothing_and_says_what_to_do(site) -> None:
     for picture in (site.parent / "shots").iterdir():
         cv2.imwrite(str(picture), cv2.imread(str(picture)) // 64 + 180)
@@ -96,6 +98,7 @@ def test_a_white_wall_saves_nothing_and_says_what_to_do(site) -> None:
     assert not site.with_suffix(".mounting").exists()
 
 
+@pytest.mark.long
 def test_a_run_of_a_live_camera_watches_as_soon_as_a_view_was_saved(site, monkeypatch) -> None:
     def watched(text: str = CONFIGURATION):
         site.write_text(text)
@@ -112,6 +115,7 @@ def test_a_run_of_a_live_camera_watches_as_soon_as_a_view_was_saved(site, monkey
     assert watched() is None
 
 
+@pytest.mark.long
 def test_a_run_without_a_live_camera_watches_nothing(site) -> None:
     typed("mounting", "save", site)
     loop = Loop(build(load_configuration(site), speed=None))

@@ -272,6 +272,7 @@ def test_no_other_instance_answers_for_one_that_was_killed(terminal, words):
     assert terminal.type(*words).returncode == 0
 
 
+@pytest.mark.long
 def test_a_socket_of_another_configuration_than_the_named_one_is_not_asked(terminal):
     terminal.start()
     place = terminal.folder / "r" / "stadimeter" / "door.sock"
@@ -316,6 +317,7 @@ def test_a_reload_applies_changed_rules_and_keeps_the_state_of_the_others(termin
     ]
 
 
+@pytest.mark.long
 def test_rules_that_came_and_went_with_a_reload_are_explained_while_they_were_there(terminal):
     journal = terminal.folder / "run.jsonl"
     instance = terminal.start(None, "--journal", journal)
@@ -378,6 +380,7 @@ def test_a_killed_run_leaves_a_socket_that_the_next_one_takes_over(terminal):
     assert terminal.type("status").returncode == 0
 
 
+@pytest.mark.long
 def test_alarms_go_on_after_a_kill(terminal):
     state = terminal.folder / "door.sqlite3"
     instance = terminal.start(None, "--state", state)
@@ -432,6 +435,7 @@ def test_a_threshold_is_moved_while_it_runs_and_stays_so_over_a_kill_and_a_reloa
     assert "set by" not in terminal.type("explain", "near").stdout
 
 
+@pytest.mark.long
 def test_a_rule_is_observed_only_until_it_acts_again(terminal):
     terminal.start()
     assert terminal.type("alarm", "observe", "near").stdout == "observe: near\n"
@@ -493,6 +497,7 @@ def test_a_clock_that_the_user_trusts_is_right_enough_for_a_rule_that_goes_by_it
     assert "all-day raised" in done.stdout
 
 
+@pytest.mark.long
 def test_a_simulation_keeps_no_state_unless_a_file_is_named(terminal):
     terminal.start().end()
     assert not (terminal.folder / "s").exists()
@@ -524,6 +529,7 @@ def test_somebody_else_behind_the_socket_is_told_apart(terminal):
     assert "that is no instance of stadimeter" in done.stderr
 
 
+@pytest.mark.long
 def test_nonsense_at_the_socket_does_not_disturb_the_run(terminal):
     instance = terminal.start()
     for nonsense in (b"\x00" * 1_000_000, b'{"op": "ack"', b"GET / HTTP/1.1\r\n\r\n", b"[" * 60_000 + b"\n"):

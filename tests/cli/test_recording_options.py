@@ -63,6 +63,7 @@ def test_a_disk_that_fills_up_ends_the_file_intact_and_the_run_goes_on(
         assert path.read_bytes().endswith(b"}\n")
 
 
+@pytest.mark.long
 def test_the_run_goes_on_also_where_its_warnings_go_to_the_disk_that_is_full(config: Path) -> None:
     """As with those of a run that a page has started: it keeps them in a file."""
     words = command(config, "--seconds", 5, "--speed", 0, "--journal", "/dev/full")

@@ -96,6 +96,7 @@ def test_the_demo_shows_rules_acting_without_hardware():
     assert done.stderr == ""
 
 
+@pytest.mark.long
 def test_without_a_terminal_the_demo_and_a_watched_run_print_lines(simulated):
     for command in (["demo"], ["run", simulated, "--watch"]):
         done = typed(*command, "--seconds", 2, "--speed", 0)

@@ -250,6 +250,7 @@ def test_a_camera_that_stays_away_ends_the_process_in_order_and_the_next_is_more
         assert (system.runtime / "failed-starts").read_text().split()[0] == str(starts)
 
 
+@pytest.mark.long
 def test_a_reload_is_announced(system: System) -> None:
     system.config.write_text(SEEN)
     system.start()

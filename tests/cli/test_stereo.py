@@ -112,6 +112,7 @@ def test_boards_at_one_distance_and_a_loose_square_are_said(boards: Path, true: 
     assert "far away the distance will be unsure" in result.stderr
 
 
+@pytest.mark.long
 def test_a_pair_of_different_times_is_named_with_its_number(true: StereoRig, boards: Path, output: Path) -> None:
     late = output.parent / "right" / "3.png"
     draw_board(late, true, in_left=False, turn=(0, -0.6, 0.2), place=(0.13, -0.05, 0.62))

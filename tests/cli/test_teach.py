@@ -64,6 +64,7 @@ def test_what_was_taught_before_keeps_its_test_when_the_same_recording_teaches_a
     assert "1 failed" in tested.output
 
 
+@pytest.mark.long
 def test_a_recording_that_was_cut_says_so(invoked):
     whole = Path(RUN).read_bytes()
     Path("cut.mcap").write_bytes(whole[: len(whole) // 2])
@@ -72,6 +73,7 @@ def test_a_recording_that_was_cut_says_so(invoked):
     assert "Its end is missing" in done.output
 
 
+@pytest.mark.long
 def test_the_object_has_the_alarms_before_and_after(invoked):
     done = invoked("teach", "near", *MARKS, "--json")
     told = json.loads(done.stdout)

@@ -75,6 +75,7 @@ def test_where_no_setting_keeps_to_what_was_asked_for_none_is_proposed(config, t
     assert json.loads(run("near", hovering, "--config", config, "--json").stdout)["toml"] == []
 
 
+@pytest.mark.long
 def test_the_lines_for_the_rule_and_what_they_rest_on_are_printed(config, recording, quick):
     done = run("near", recording, "--config", config)
     assert done.exit_code == 0, done.output
@@ -90,6 +91,7 @@ def test_the_lines_for_the_rule_and_what_they_rest_on_are_printed(config, record
     assert "Noise: ±" in done.output
 
 
+@pytest.mark.long
 def test_what_is_proposed_can_be_put_into_the_rule(config, recording, quick):
     from stadimeter.config.loader import load_configuration
 
@@ -120,6 +122,7 @@ def test_a_target_that_is_noisier_than_stated_gets_a_noise_factor_proposed(confi
     )
 
 
+@pytest.mark.long
 def test_as_json_all_that_was_tried_is_told(config, recording, quick):
     done = run("near", recording, "--config", config, "--json", "--closing-speed", "1 m/s")
     told = json.loads(done.stdout)
@@ -130,6 +133,7 @@ def test_as_json_all_that_was_tried_is_told(config, recording, quick):
     assert told["beginnings"][0]["probability"] == 0.7, "the rule's own settings come first"
 
 
+@pytest.mark.long
 def test_when_nothing_is_seldom_enough_the_best_is_printed_and_the_exit_code_says_so(config, tmp_path, quick):
     close = write_noisy_journal(tmp_path / "close.jsonl", lambda _: 2.02, KnownNoise(), seconds=40)
     done = run("near", close, "--config", config, "--false-alarms-per-day", "0.01")

@@ -73,6 +73,7 @@ with ThreadPoolExecutor(8) as pool:
 """
 
 
+@pytest.mark.long
 def test_savers_at_the_same_time_wait_for_each_other(tmp_path: Path) -> None:
     run = subprocess.run([sys.executable, "-c", SAVE_AT_ONCE, str(tmp_path / "a")], check=False, timeout=120)
     assert run.returncode == 0

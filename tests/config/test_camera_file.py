@@ -72,6 +72,7 @@ def test_a_file_that_does_not_say_how_well_its_edge_bias_is_known_is_not_sure_of
     assert camera_model_from_table(tomllib.loads(WRITTEN)).edge_bias_sigma_px == 0.0
 
 
+@pytest.mark.long
 @given(
     focal=st.floats(13, 6e6),
     centre=st.floats(-1e6, 1e6),

@@ -138,6 +138,7 @@ BROKEN = [
 ]  # fmt: skip
 
 
+@pytest.mark.long
 def test_a_rule_that_cannot_work_is_refused(told: Told, sound: str, subtests: pytest.Subtests) -> None:
     for rules, line in BROKEN:
         with subtests.test(rules=rules, line=line):

@@ -351,6 +351,7 @@ def refusal(load: Load, text: str) -> tuple[Problem, ...]:
     return ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("junk", JUNK)
 def test_whatever_a_value_is_the_error_is_ours_and_names_its_line_or_table(load: Load, sound: str, junk: str) -> None:
     lines = (sound + EVERYTHING).splitlines()

@@ -199,6 +199,7 @@ WRONG_STEPS = [
 ]
 
 
+@pytest.mark.long
 def test_what_is_wrong_with_a_step_is_said_with_its_line(tmp_path: Path, subtests: pytest.Subtests) -> None:
     for step, words in WRONG_STEPS:
         with subtests.test(step=step, words=words):

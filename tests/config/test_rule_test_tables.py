@@ -279,6 +279,7 @@ WRONG = {
 }
 
 
+@pytest.mark.long
 def test_what_is_wrong_with_a_test_is_said(told: Told, sound: str, subtests: pytest.Subtests) -> None:
     for what, (text, message) in WRONG.items():
         with subtests.test(what=what):

@@ -55,6 +55,7 @@ def test_every_section_is_in_it(schema: dict[str, Any]) -> None:
     assert tuple(schema["properties"]) == SECTIONS
 
 
+@pytest.mark.long
 def test_what_the_program_accepts_it_accepts(schema: dict[str, Any]) -> None:
     texts = {file.name: file.read_text(encoding="utf-8") for file in SOUND}
     assert refused(schema, texts) == {}

@@ -48,6 +48,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("bounds")
 
 
+@pytest.mark.long
 @given(form=st.sampled_from(FORMS), value=values | st.floats(0.05, 3.0))
 def test_an_operator_may_set_what_the_configuration_takes_and_nothing_else(folder, form, value):
     when, key, sound = form

@@ -69,6 +69,7 @@ class TestRosArduinoBase(SerialBaseContract):
     options: ClassVar = {"wheel_diameter": "65 mm", "ticks_per_turn": 1440}
 
 
+@pytest.mark.long  # differs from others by its codec alone, which has tests of its own
 class TestWaveshareUgv(SerialBaseContract):
     driver, port = "waveshare-ugv", "emulated-waveshare-ugv"
     options: ClassVar = {}
@@ -89,6 +90,7 @@ OPENBOT = {
 }
 
 
+@pytest.mark.long  # differs from others by its codec alone, which has tests of its own
 class TestOpenBot(SerialBaseContract):
     driver, port = "ascii", "emulated-openbot"
     options: ClassVar = OPENBOT
@@ -109,6 +111,7 @@ class TestRoboclaw(SerialBaseContract):
     options: ClassVar = {"wheel_diameter": "65 mm", "ticks_per_turn": 1440}
 
 
+@pytest.mark.long  # differs from others by its codec alone, which has tests of its own
 class TestRoboclawWithoutEncoders(SerialBaseContract):
     """By duty; the emulated motors reach 1 m/s."""
 
@@ -121,6 +124,7 @@ class TestRoomba(SerialBaseContract):
     options: ClassVar = {}
 
 
+@pytest.mark.long  # differs from others by its codec alone, which has tests of its own
 class TestSabertooth(SerialBaseContract):
     driver, port = "sabertooth", "emulated-sabertooth"
     options: ClassVar = {"full_speed": "1 m/s"}

@@ -55,6 +55,7 @@ def test_an_expected_ball_is_told_from_another_one(ball_detector, draw, wall) ->
     assert found.centre_px == pytest.approx((480, 240), abs=0.5)
 
 
+@pytest.mark.long
 def test_clutter_and_squares_show_no_ball(ball_detector, draw, wall) -> None:
     square = draw.polygon(wall(), [(200, 150), (300, 150), (300, 250), (200, 250)], RED)
     pictures = [square, wall(), *(render(scenes.empty_scene(seed)).image for seed in range(5))]

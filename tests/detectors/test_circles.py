@@ -87,6 +87,7 @@ def test_of_two_mirrored_tilts_the_ellipses_tell_the_true_one():
     assert detector().measure(frame_of(made)).ambiguity < 0.1
 
 
+@pytest.mark.long
 def test_circles_of_another_spacing_are_not_taken():
     made = render(circles_scene(8, 120, 0.2))
     measured = detector(spacing="14 cm").measure(frame_of(made))
@@ -94,6 +95,7 @@ def test_circles_of_another_spacing_are_not_taken():
     assert "as far apart as stated" in measured.reason
 
 
+@pytest.mark.long
 def test_clutter_alone_is_never_taken_for_them():
     for seed in range(20, 26):
         found = detector().detect(frame_of(render(draw.empty_scene(seed))))

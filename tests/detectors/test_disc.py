@@ -103,6 +103,7 @@ def off_px(found: Detection, outline: np.ndarray) -> float:
     return float(np.abs(ellipse_through(outline).distances_px(found.outline_px)).max())
 
 
+@pytest.mark.long
 @each_case("tilt_deg", [0, 30, 60])
 @each_case("seed", [901, 903, 904])
 def test_the_outline_is_found_to_a_few_hundredths_of_a_pixel(seed: int, tilt_deg: int) -> None:
@@ -407,6 +408,7 @@ def test_a_picture_of_fifty_megapixels_is_searched() -> None:
     assert seen(image).width_px == pytest.approx(120 * 12.75, abs=2.5)
 
 
+@pytest.mark.long
 def test_clutter_holds_nothing_round_that_is_no_ellipse() -> None:
     for seed in range(40, 46):
         found = seen(render(empty_scene(seed)).image)

@@ -158,6 +158,7 @@ def test_a_sheet_that_is_not_quite_flat_needs_no_tolerance(draw) -> None:
         assert seen(choice, image, looked_through).status is FOUND
 
 
+@pytest.mark.long
 def test_a_sheet_that_is_not_flat_is_found_with_the_tolerance_that_is_proposed(draw) -> None:
     image, choice = curled(draw), sheet(size="A4")
     lens = CameraModel.with_focal_length(FOCAL_PX, 1280, 960)

@@ -100,6 +100,7 @@ def test_noise_is_in_the_standard_deviation():
     assert noisy.noise_m > 1.5 * clean.noise_m
 
 
+@pytest.mark.long
 def test_the_height_follows_from_the_file_and_the_width():
     assert detector(5).target_shape.height_m == pytest.approx(0.30)
     only_height = PictureOptions.model_validate({"file": str(poster_file(5)), "height": "30 cm"})

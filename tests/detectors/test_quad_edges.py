@@ -29,6 +29,7 @@ SEEN = SheetPicture(MADE.image, LIGHT, None)
 CORNERS = MADE.truth.outline_px
 
 
+@pytest.mark.long
 @given(st.lists(st.floats(-2.0, 2.0), min_size=8, max_size=8))
 def test_the_corners_do_not_depend_on_where_the_search_starts(moves: list[float]) -> None:
     start = CORNERS + np.array(moves).reshape(4, 2)

@@ -57,6 +57,7 @@ def test_a_named_tag_that_is_not_there_is_missing_and_no_other_one_stands_in() -
     assert [each.status for each in measured] == [MeasurementStatus.MEASURED, MeasurementStatus.NOT_FOUND]
 
 
+@pytest.mark.long
 def test_any_tags_get_slots_and_say_their_numbers() -> None:
     several = detector(count=4)
     perceiver = Perceiver(dict.fromkeys(("tags-1", "tags-2", "tags-3", "tags-4"), several), CAMERA)

@@ -213,6 +213,7 @@ def test_noise_and_motion_move_the_corners_by_less_than_a_third_of_a_pixel(troub
     assert worst_px(found, made.truth.outline_px) < 0.3
 
 
+@pytest.mark.long
 def test_clutter_is_not_taken_for_a_tag() -> None:
     for seed in range(8):
         found = seen(render(empty_scene(70 + seed)).image)

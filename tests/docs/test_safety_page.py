@@ -5,6 +5,8 @@ import re
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
 ROWS = [line for line in PAGE.splitlines() if line.startswith("| ") and "| --- |" not in line]
@@ -23,6 +25,7 @@ def names_in(file):
     return {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.ClassDef)}
 
 
+@pytest.mark.long
 def test_each_promise_names_tests_that_there_are():
     for row in PROMISES:
         named = TEST.findall(row.rsplit("|", 2)[1])

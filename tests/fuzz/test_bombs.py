@@ -134,6 +134,7 @@ def assert_refused(run_measured: Run, path: Path, *arguments: object, lines: int
     assert len(said.splitlines()) <= lines, said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["endless", "digits"])
 def test_a_configuration_like_that_is_refused(tmp_path: Path, run_measured: Run, kind: str) -> None:
     TEXTS[kind](tmp_path / "bomb.toml")

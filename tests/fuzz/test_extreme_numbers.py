@@ -185,6 +185,7 @@ def test_a_configuration_with_an_extreme_number_is_refused_by_key_or_runs(
     check(folder, placed(EVERYTHING, which, number))
 
 
+@pytest.mark.long
 @given(st.integers(0, 1000), st.sampled_from(EXTREME))
 def test_what_a_camera_could_measure_is_worked_out_or_refused_by_key(folder: Path, which: int, number: str) -> None:
     check(folder, placed(REAL, which, number))

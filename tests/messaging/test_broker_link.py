@@ -172,6 +172,7 @@ def test_the_pauses_between_attempts_double(play, make_messenger):
         eventually(lambda pause=pause: messenger.trouble().endswith(f"trying again in {pause} s"))
 
 
+@pytest.mark.long
 def test_no_pause_is_longer_than_an_alarm_may_wait(play):
     broker = play((BANNED_5, True))
     patience = Patience(first_pause_s=60.0, alarm_pause_s=0.1)

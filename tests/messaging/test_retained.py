@@ -172,6 +172,7 @@ def test_a_login_that_may_write_only_publishes_as_before(broker, start_broker, m
     assert (messenger.trouble(), messenger.given_up) == ("", 0)
 
 
+@pytest.mark.long
 def test_a_list_of_hundreds_of_rules_fits_into_packets_that_are_read(broker, make_messenger, listen):
     names = [f"the-rule-of-number-{number}" for number in range(300)]
     ran(make_messenger(broker.port), *names).close()

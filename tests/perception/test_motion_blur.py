@@ -44,6 +44,7 @@ def advice(seen: Iterator[Frame]) -> tuple[str, ...]:
     return perceiver.motion_blur.advice()
 
 
+@pytest.mark.long
 def test_a_ball_that_is_smeared_is_told_with_the_exposure_that_would_do() -> None:
     (words,) = advice(frames(0.02, 0.8))
     assert words == (

@@ -83,6 +83,7 @@ def loaded(file: Path, some: list[str]) -> Configuration | None:
         return None
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(some=st.lists(rules, min_size=2, max_size=4), stops=places)
 def test_a_rule_that_is_said_to_lose_always_never_drives_its_output_for_long(

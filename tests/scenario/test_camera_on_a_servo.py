@@ -90,6 +90,7 @@ def test_a_target_that_has_left_is_looked_for_within_the_travel_of_the_servo(sce
     assert headings_deg[-200:] == pytest.approx([headings_deg[-1]] * 200, abs=0.01)
 
 
+@pytest.mark.long
 def test_it_comes_back_from_the_end_of_its_travel_with_its_target(scenario: Callable[..., Any]) -> None:
     beyond = (
         '[world]\nloop = false\npath = [{ at = "0 s", x = "2 m", y = "0 m" }, { at = "6 s", x = "-0.2 m", y = "2 m" }, '

@@ -99,6 +99,7 @@ def test_a_target_that_moves_up_and_down_stays_near_the_middle_of_the_view(
     assert max(faster) <= 4.0 / 30 + 0.02, "it speeds up no faster than turn_acceleration"
 
 
+@pytest.mark.long
 def test_it_turns_after_a_target_high_above_it_as_far_as_that_goes_round(scenario: Callable[..., Any]) -> None:
     run = scenario(text=with_world(SWAYS_HIGH))
 
@@ -186,6 +187,7 @@ def test_a_picture_that_freezes_while_it_turns_is_found_tilted_as_well(scenario:
     assert [words for words in disarmed(run) if "the picture stands still" in words]
 
 
+@pytest.mark.long
 def test_of_a_picture_that_freezes_while_it_only_tilts_nothing_is_claimed_and_it_ends_with_its_travel(
     scenario: Callable[..., Any],
 ) -> None:

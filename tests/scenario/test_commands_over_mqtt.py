@@ -161,6 +161,7 @@ def test_with_commands_off_nothing_is_listened_to(tmp_path: Path, broker: Mosqui
     assert asker.heard == []
 
 
+@pytest.mark.long
 def test_whoever_asks_is_answered_where_they_listen(start: Start, broker: MosquittoBroker, closing: ExitStack) -> None:
     start()
     asker = closing.enter_context(MqttAsker(broker.port, also=("my/answers", "stadimeter/it/event/alarm")))
@@ -334,6 +335,7 @@ def shown_commands() -> list[str]:
     return re.findall(r"^    (mosquitto_.*)$", orders, re.MULTILINE)
 
 
+@pytest.mark.long
 @needs("mosquitto_rr")
 def test_the_orders_of_the_page_work_as_they_stand_there(start: Start, broker: MosquittoBroker) -> None:
     run, _ = start()

@@ -16,6 +16,7 @@ def wheels_stand(scenario):
     return all(abs(speed) < 1e-3 for speed in scenario.world.robot.wheels_mps)
 
 
+@pytest.mark.long
 def test_the_robot_drives_to_one_metre_from_the_ball_and_faces_it(scenario):
     run = scenario(STILL_BALL).run(15)
     track = run.records[-1].decision.tracks[0]
@@ -68,6 +69,7 @@ def test_a_camera_that_gives_nothing_at_all_stops_the_robot_as_well(scenario):
     assert wheels_stand(run)
 
 
+@pytest.mark.long
 def test_after_a_fault_the_robot_goes_on_when_it_sees_again(scenario):
     run = scenario(STILL_BALL + 'faults = [{ at = "1 s", for = "1 s", kind = "freeze-camera" }]\n').run(15)
     assert run.world.distance_m() == pytest.approx(1.0, abs=0.05)
@@ -88,6 +90,7 @@ def unplugged(scenario, base=""):
     return run
 
 
+@pytest.mark.long
 def test_a_base_that_is_unplugged_stops_by_itself_while_the_rest_goes_on(scenario):
     run = unplugged(scenario).run(4.4)
     assert ("base", "fault") in run.events()
@@ -98,6 +101,7 @@ def test_a_base_that_is_unplugged_stops_by_itself_while_the_rest_goes_on(scenari
     assert fault.output == "base"
 
 
+@pytest.mark.long
 def test_a_robot_that_bumps_into_something_stands_until_it_is_free_whatever_its_rules_want(scenario):
     world = STILL_BALL + 'faults = [{ at = "1.5 s", for = "1 s", kind = "press-bumper" }]\n'
     run = scenario(world, is_base_emulated=False).run(15)
@@ -107,6 +111,7 @@ def test_a_robot_that_bumps_into_something_stands_until_it_is_free_whatever_its_
     assert run.world.distance_m() == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.long
 def test_a_base_that_is_plugged_in_again_is_identified_and_rests_before_it_drives_from_standstill(scenario):
     run = unplugged(scenario).run(20)
     events = [event for record in run.records for event in record.decision.events if event.source == "base"]
@@ -124,6 +129,7 @@ def test_a_base_that_is_plugged_in_again_is_identified_and_rests_before_it_drive
         assert (decision.commands, decision.events) == (record.decision.commands, record.decision.events), "replayed"
 
 
+@pytest.mark.long
 def test_a_base_that_shall_stay_off_does_so_when_it_is_plugged_in_again(scenario):
     run = unplugged(scenario, base='after_fault = "stay_off"').run(20)
     assert run.base_speeds(1.6, 20) == []

@@ -25,6 +25,7 @@ def base(request):
     return request.param
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("latency_ms", [30, 190])
 def test_a_step_of_half_a_metre_is_settled_within_2_5_s_and_standing_stays_within_two_per_cent(
     base, latency_ms, tmp_path
@@ -36,6 +37,7 @@ def test_a_step_of_half_a_metre_is_settled_within_2_5_s_and_standing_stays_withi
     assert is_within_limits(moments)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("latency_ms", [30, 190])
 def test_behind_a_ball_that_walks_away_it_stays_within_5_cm(base, latency_ms, tmp_path):
     moments = follow(tmp_path, 12, walks_away, base=base, latency_ms=latency_ms)
@@ -75,6 +77,7 @@ def test_the_follow_ball_configuration_stays_further_than_half_the_distance_from
         assert min(each.gap_m for each in moments) > 0.5
 
 
+@pytest.mark.long
 def test_a_ball_that_is_hidden_for_a_second_is_followed_again_within_1_5_s(base, tmp_path):
     moments = follow(tmp_path, 8, walks_away, base=base, hidden=lambda at_s: 4 <= at_s < 5)
     (span_s,) = out_of_sight_s(moments)
@@ -82,6 +85,7 @@ def test_a_ball_that_is_hidden_for_a_second_is_followed_again_within_1_5_s(base,
     assert abs(moments[-1].gap_m - 1) < 0.1
 
 
+@pytest.mark.long
 def test_a_ball_that_leaves_the_view_is_found_within_8_s(base, tmp_path):
     moments = follow(tmp_path, 14, lambda at_s: (1.0, 0.0) if at_s < 2 else (-0.6, 0.8), base=base)
     (span_s,) = out_of_sight_s(moments)

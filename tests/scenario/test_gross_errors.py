@@ -26,6 +26,7 @@ expect.near = {{ raised = 0 }}
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("severity", ["warning", "safety"])
 @pytest.mark.parametrize("distance", ["51 cm", "52 cm", "55 cm"])
 def test_a_ball_that_stands_just_outside_is_not_taken_for_one_that_comes_in(

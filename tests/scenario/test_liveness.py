@@ -98,6 +98,7 @@ def test_the_wheels_stand_half_a_second_after_the_sensor_froze(scenario: Run, kn
         assert (decision.commands, decision.events) == (record.decision.commands, record.decision.events), "replayed"
 
 
+@pytest.mark.long
 @KNOBS
 def test_a_base_with_firmware_is_told_to_stand_and_its_wheels_run_down(scenario: Run, knob: str) -> None:
     run = scenario(AHEAD, text=WITH_FIRMWARE)

@@ -80,6 +80,7 @@ def run(configuration: Path, *options: str) -> Result:
     return CliRunner().invoke(app, ["run", str(configuration), "--frames", "5", "--no-state", *options])
 
 
+@pytest.mark.long
 def test_calibrating_records_how_the_camera_was_set_and_a_run_with_the_same_settings_measures(
     sensor: Sensor, configuration: Path
 ) -> None:
@@ -95,6 +96,7 @@ def test_calibrating_records_how_the_camera_was_set_and_a_run_with_the_same_sett
     assert distances_m == pytest.approx([2.1] * len(distances_m), rel=0.02)
 
 
+@pytest.mark.long
 def test_a_run_with_another_crop_is_refused_and_says_what_to_set(sensor: Sensor, configuration: Path) -> None:
     sensor.keeps = {"ScalerCrop": (768, 432, 3072, 1728)}
     done = run(configuration)

@@ -69,6 +69,7 @@ def test_a_save_that_is_cut_anywhere_leaves_what_a_step_before_or_after_had_left
     assert steps[reached[-1]] == steps[-1], "and every step was cut"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ATOMIC)
 def test_bytes_are_on_the_disk_before_they_get_their_name_and_the_name_before_the_save_is_done(
     savers: Savers, name: str, tmp_path: Path

@@ -17,6 +17,7 @@ def test_a_sensor_is_a_target_that_rules_may_watch(scenario):
     assert ("close", "raised") in run.events()
 
 
+@pytest.mark.long
 def test_a_base_stands_while_something_is_nearer_than_its_sensor_allows_whatever_the_rules_want(scenario):
     run = scenario(BALL + FRONT + 'stop_below = "1.5 m"\n').run(15)
     assert run.world.distance_m() - 0.1 == pytest.approx(1.5, abs=0.1), "the rule wants to go on to 1 m"

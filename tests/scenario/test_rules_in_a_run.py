@@ -94,6 +94,7 @@ def test_a_broker_that_is_away_does_not_change_a_single_decision(standing):
     assert len(alarms) == 2, "what was raised meanwhile is told when the broker is back"
 
 
+@pytest.mark.long
 def test_a_run_replayed_from_its_journal_gives_identical_decisions(standing, tmp_path):
     run = standing('faults = [{ at = "7 s", for = "1 s", kind = "freeze-camera" }]\n')
     journal = Recorder(
@@ -109,6 +110,7 @@ def test_a_run_replayed_from_its_journal_gives_identical_decisions(standing, tmp
     assert result.events == [event for record in run.records for event in record.decision.events]
 
 
+@pytest.mark.long
 def test_two_runs_are_the_same(standing):
     first, second = standing().run(10), standing().run(10)
     assert [(r.observation, r.decision, r.applied) for r in first.records] == [

@@ -98,6 +98,7 @@ def test_a_rule_that_is_renamed_between_two_runs_leaves_nothing_at_the_broker(si
         assert site.heard("nearer", "availability")[-1] == "online"
 
 
+@pytest.mark.long
 def test_a_rule_that_is_renamed_while_the_program_runs_leaves_nothing_either(site):
     site.write("near")
     with site.running() as process:
@@ -110,6 +111,7 @@ def test_a_rule_that_is_renamed_while_the_program_runs_leaves_nothing_either(sit
         eventually(lambda: site.is_active("nearer"))
 
 
+@pytest.mark.long
 def test_a_rule_that_never_saw_its_target_is_unknown_and_unavailable_at_the_broker(site):
     site.write("near", path='{ at = "0 s", x = "-5 m", y = "0 m" }')  # behind the camera
     with site.running():

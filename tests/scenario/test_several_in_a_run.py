@@ -61,6 +61,7 @@ def _picture(path: Path, *places: tuple[float, float, float]) -> None:
     cv2.imwrite(str(path), render(Scene(camera=LENS, target=target, seed=1, backdrop=PlainBackdrop())).image)
 
 
+@pytest.mark.long
 def test_each_keeps_its_name_and_rules_see_the_nearest_any_and_how_many(tmp_path: Path) -> None:
     _picture(tmp_path / "1-both-far.png", LEFT, RIGHT)
     _picture(tmp_path / "2-one-near.png", LEFT, NEAR_RIGHT)

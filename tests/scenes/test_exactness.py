@@ -50,6 +50,7 @@ def test_the_limb_of_a_ball_is_where_the_exact_cone_has_it(bare, ball, cover, ed
     assert np.abs(errors).max() < 0.08
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("depth_m", [0.4, 1.0, 4.0, 15.0])
 def test_a_ball_covers_the_area_of_the_exact_cone_however_far_it_is(bare, ball, cover, depth_m) -> None:
     position_m = (0.05, 0.01 * depth_m, depth_m)
@@ -124,6 +125,7 @@ def test_opencv_reads_a_tag_and_finds_its_corners_where_the_truth_has_them() -> 
     assert corners[0].reshape(4, 2) == pytest.approx(made.truth.outline_px, abs=1.5)
 
 
+@pytest.mark.long
 @each_case("seed", range(6))
 def test_a_drawn_ball_is_whole_in_the_picture_and_its_truth_agrees_with_itself(seed) -> None:
     scene = ball_scene(seed)

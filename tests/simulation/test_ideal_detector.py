@@ -155,6 +155,7 @@ def test_the_size_is_the_worlds_unless_the_same_is_stated(make_run) -> None:
         run.build(DETECTORS, "ideal", diameter="6.7 cm")
 
 
+@pytest.mark.long
 def test_the_real_ball_detector_sees_in_the_drawn_picture_what_the_ideal_one_says(run) -> None:
     camera = run.build(CAMERAS, rate="2 Hz")
     ideal = run.build(DETECTORS, "ideal", noise_px=0)

@@ -1,4 +1,4 @@
-"""Small drivers with one mistake each, under the contract suites. `test_contracts_catch_mistakes.py` runs this file."""
+"""Our own drivers with one mistake each, under the contract suites; `test_contracts_catch_mistakes.py` runs this."""
 
 from __future__ import annotations
 
@@ -6,711 +6,194 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Generic, TypeVar
+from functools import partial
+from typing import Any
 
 import pytest
-from msgspec import Struct, field
+from msgspec import Struct
 from msgspec.structs import replace
 
-from stadimeter.core.command import LevelCommand, TwistCommand
-from stadimeter.core.decision import first_to_go
-from stadimeter.core.message import Message
-from stadimeter.core.notification import Notification
+from contract import test_actuators, test_bases, test_buttons, test_messengers, test_notifiers
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, LinkLostError
-from stadimeter.testing.actuator_contract import ABSENT, FAILS, ActuatorContract, ActuatorRig, ButtonContract, ButtonRig
-from stadimeter.testing.base_contract import SILENT, TAKES_NO_BYTES, UNPLUGGED, BaseContract, BaseRig
-from stadimeter.testing.messaging_contract import GONE, MessengerContract, MessengerRig, NotifierContract, NotifierRig
-from stadimeter.testing.messaging_contract import SILENT as NO_ANSWER
-from stadimeter.testing.rig import ManualClock, impossible
+from stadimeter.testing.actuator_contract import ActuatorContract, ButtonContract
+from stadimeter.testing.messaging_contract import MessengerContract, NotifierContract
 
-STEPS = 10
+context = test_bases.context  # the fixture that the rig of the base asks for
 
-
-class VendorError(Exception):
-    """What the vendor's library raises."""
-
-
-class Chip(Struct):
-    """The vendor's library with a lamp of ten steps behind it, and who holds it."""
-
-    step: int = 0
-    handles: int = 0
-    is_absent: bool = False
-    is_failing: bool = False
-
-    def take(self) -> None:
-        if self.is_absent:
-            raise VendorError("no such chip")
-        self.handles += 1
-
-    def free(self) -> None:
-        self.handles -= 1
-
-    def write(self, step: int) -> None:
-        if self.is_failing:
-            raise VendorError("the chip does not answer")
-        self.step = step
-
-    def read(self) -> int:
-        if self.is_failing:
-            raise VendorError("the chip does not answer")
-        return self.step
+OPENED_TWICE = "test_opening_it_twice_takes_the_device_once"
+CANNOT_OPEN = "test_a_device_that_cannot_be_opened_raises_and_is_not_held"
+FAILS = "test_a_device_that_fails_raises_one_of_our_errors"
+RELEASED = "test_a_device_that_fails_is_released_all_the_same"
+TICKS = "test_it_acts_and_ticks_without_keeping_the_loop_waiting"
+USED_CLOSED = "test_using_it_after_it_was_closed_raises"
+TOLD = "test_without_the_other_side_it_opens_all_the_same_and_says_so_in_one_line"
+LOST = "test_a_lost_connection_is_noticed_by_ticks_alone"
+BUTTON_FAILS = "test_one_that_fails_raises_one_of_our_errors_and_can_be_opened_again"
 
 
-class SoundLamp:
-    """A lamp without a mistake."""
+class Planted:
+    """A driver with methods of which some are replaced: each gets the driver first, then what it is called with."""
 
-    def __init__(self, chip: Chip) -> None:
-        self.chip = chip
-        self.is_open = False
+    def __init__(self, driver: Any, replaced: dict[str, Callable[..., Any]]) -> None:
+        self._driver = driver
+        for name, method in replaced.items():
+            setattr(self, name, partial(method, driver))
 
-    def open(self) -> None:
-        if self.is_open:
-            return
-        try:
-            self.chip.take()
-        except VendorError as error:
-            raise DeviceOpenError(f"lamp: {error}") from error
-        self.is_open = True
-        try:
-            self.write(0)
-        except DriverError as error:
-            self.release()
-            raise DeviceOpenError(str(error)) from error
-
-    def apply(self, command: LevelCommand) -> LevelCommand:
-        step = round(command.level * STEPS)
-        self.write(step)
-        return replace(command, level=step / STEPS)
-
-    def tick(self, now_s: float) -> None:
-        self.check_open()
-
-    def stop(self) -> None:
-        if self.is_open:
-            self.write(0)
-
-    def close(self) -> None:
-        try:
-            self.stop()
-        finally:
-            self.release()
-
-    def release(self) -> None:
-        if self.is_open:
-            self.is_open = False
-            self.chip.free()
-
-    def check_open(self) -> None:
-        if not self.is_open:
-            raise DeviceClosedError("lamp: it is not open")
-
-    def write(self, step: int) -> None:
-        self.check_open()
-        try:
-            self.chip.write(step)
-        except VendorError as error:
-            raise DriverError(f"lamp: {error}") from error
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._driver, name)
 
 
-class ReportsWhatWasAsked(SoundLamp):
-    def apply(self, command: LevelCommand) -> LevelCommand:
-        super().apply(command)
-        return command if command.level >= 0.1 else replace(command, level=0.0)
+class Mistake(Struct, frozen=True):
+    """The test that catches it, and the methods that make it."""
+
+    caught_by: str
+    methods: dict[str, Callable[..., Any]]
 
 
-class ReportsAnotherLevel(SoundLamp):
-    def apply(self, command: LevelCommand) -> LevelCommand:
-        applied = super().apply(command)
-        return replace(applied, level=min(1.0, applied.level * 1.5))
+def without_our_error(driver: Any, command: Any) -> Any:
+    try:
+        return driver.apply(command)
+    except DeviceClosedError:
+        raise
+    except DriverError as error:
+        raise error.__cause__ or error from None
 
 
-class LetsTheVendorsErrorThrough(SoundLamp):
-    def write(self, step: int) -> None:
-        self.check_open()
-        self.chip.write(step)
+def hiding(error: type[Exception], method: str) -> Callable[..., Any]:
+    """Return a method that passes over an error, and returns its argument or nothing."""
+
+    def call(driver: Any, *given: Any) -> Any:
+        with suppress(error):
+            return getattr(driver, method)(*given)
+        return given[0] if given else False
+
+    return call
 
 
-class LetsTheVendorsErrorThroughWhenOpened(SoundLamp):
-    def open(self) -> None:
-        if not self.is_open:
-            self.chip.take()
-            self.is_open = True
-            SoundLamp.write(self, 0)
+def then(method: str, act: Callable[[Any], object]) -> Callable[..., Any]:
+    """Return a method that does something more behind what it is to do."""
+
+    def call(driver: Any, *given: Any) -> Any:
+        answer = getattr(driver, method)(*given)
+        act(driver)
+        return answer
+
+    return call
 
 
-class HidesTheVendorsError(SoundLamp):
-    def write(self, step: int) -> None:
-        self.check_open()
-        try:
-            self.chip.write(step)
-        except VendorError:
-            raise DriverError("lamp: failed") from None
+def close_unless_stopping_fails(driver: Any) -> None:
+    with suppress(DeviceClosedError):
+        driver.stop()
+    driver.close()
 
 
-class SwallowsTheVendorsError(SoundLamp):
-    def write(self, step: int) -> None:
-        self.check_open()
-        with suppress(VendorError):
-            self.chip.write(step)
+def fail_without_the_other_side(driver: Any, item: Any) -> None:
+    driver.publish(item)
+    if driver.trouble():
+        raise OSError("connection refused")
 
 
-class TakesThePinAgainWhenOpenedTwice(SoundLamp):
-    def open(self) -> None:
-        if self.is_open:
-            self.chip.take()
-        super().open()
+def no_end(_driver: Any) -> None:
+    while True:
+        time.sleep(0.1)
 
 
-class KeepsThePinWhenOpeningFails(SoundLamp):
-    def open(self) -> None:
-        if self.is_open:
-            return
-        try:
-            self.chip.take()
-            self.chip.write(0)
-        except VendorError as error:
-            raise DeviceOpenError(f"lamp: {error}") from error
-        self.is_open = True
+ACTUATOR = {
+    "reports-what-was-asked": Mistake(
+        "test_levels_that_act_alike_are_reported_alike", {"apply": lambda it, asked: (it.apply(asked), asked)[1]}
+    ),
+    "reports-another-level": Mistake(
+        "test_what_is_reported_would_do_the_same_if_it_were_asked_for",
+        {"apply": lambda it, asked: replace(it.apply(asked), level=min(1.0, asked.level * 1.5))},
+    ),
+    "raises-the-vendors-error": Mistake(FAILS, {"apply": without_our_error}),
+    "swallows-errors": Mistake(FAILS, {"apply": hiding(DriverError, "apply"), "tick": hiding(DriverError, "tick")}),
+    "opens-in-spite-of-errors": Mistake(CANNOT_OPEN, {"open": hiding(DeviceOpenError, "open")}),
+    "keeps-the-pin-when-stopping-fails": Mistake(RELEASED, {"close": close_unless_stopping_fails}),
+    "is-closed-and-not-let-go": Mistake("test_close_stops_first_and_may_come_again", {"close": lambda _it: None}),
+    "acts-when-closed": Mistake(USED_CLOSED, {"apply": hiding(DeviceClosedError, "apply")}),
+    "ticks-slowly": Mistake(TICKS, {"tick": then("tick", lambda _it: time.sleep(0.3))}),
+    "ticks-for-ever": Mistake(TICKS, {"tick": then("tick", no_end)}),
+}
+BUTTON = {
+    "reads-upside-down": Mistake("test_nobody_presses_it_at_first", {"is_pressed": lambda it: not it.is_pressed()}),
+    "believes-that-nobody-presses": Mistake(BUTTON_FAILS, {"is_pressed": hiding(DriverError, "is_pressed")}),
+}
+BASE = {
+    "never-notices-silence": Mistake(LOST, {"tick": hiding(LinkLostError, "tick")}),
+    "reports-a-tilt-that-it-has-not": Mistake(
+        "test_a_tilt_is_applied_only_where_the_camera_tilts",
+        {"apply": lambda it, asked: replace(it.apply(asked), tilt_radps=asked.tilt_radps)},
+    ),
+    "waits-for-each-answer": Mistake(TICKS, {"apply": then("apply", lambda _it: time.sleep(0.2))}),
+}
+MESSENGER = {
+    "raises-when-the-broker-is-gone": Mistake(
+        "test_what_must_arrive_waits_for_the_other_side", {"publish": fail_without_the_other_side}
+    ),
+    "never-notices-that-the-broker-is-gone": Mistake(TOLD, {"trouble": lambda _it: ""}),
+    "forgets-what-is-left": Mistake(
+        "test_what_is_left_at_the_end_is_known_and_sent_when_it_is_opened_again", {"undelivered": lambda _it: ()}
+    ),
+    "leaves-a-thread": Mistake(
+        "test_closing_it_ends_its_threads",
+        {"open": then("open", lambda _it: threading.Thread(target=time.sleep, args=(3.0,), daemon=True).start())},
+    ),
+}
+NOTIFIER = {
+    "tells-its-address": Mistake(
+        TOLD, {"trouble": lambda it: (words := it.trouble()) and f"https://user:secret@example.com: {words}"}
+    ),
+}
 
 
-class KeepsThePinWhenClosingFails(SoundLamp):
-    def close(self) -> None:
-        if self.is_open:
-            self.stop()
-            self.release()
+MISTAKES = ACTUATOR | BUTTON | BASE | MESSENGER | NOTIFIER
 
 
-class TicksSlowly(SoundLamp):
-    def tick(self, now_s: float) -> None:
-        super().tick(now_s)
-        time.sleep(0.3)
+def planted(make_rig: Callable[[], Any], name: str) -> Callable[[], Any]:
+    """Return a rig whose driver has a mistake, in a class of its own: suites remember by class which are slow."""
+    mistaken = type(name, (Planted,), {})
+    return lambda: replace(rig := make_rig(), device=mistaken(rig.device, MISTAKES[name].methods))
 
 
-class TicksForEver(SoundLamp):
-    def tick(self, now_s: float) -> None:
-        super().tick(now_s)
-        while True:
-            time.sleep(0.1)
-
-
-class TakesThePinInItsConstructor(SoundLamp):
-    def __init__(self, chip: Chip) -> None:
-        super().__init__(chip)
-        self.chip.take()
-
-
-class StaysOnWhenClosed(SoundLamp):
-    def close(self) -> None:
-        self.release()
-
-
-class IgnoresUseWhenClosed(SoundLamp):
-    def apply(self, command: LevelCommand) -> LevelCommand:
-        return super().apply(command) if self.is_open else command
-
-
-def lamp_rig(driver: type[SoundLamp]) -> ActuatorRig:
-    chip = Chip()
-    return ActuatorRig(
-        device=driver(chip),
-        clock=ManualClock(),
-        output=lambda: chip.step / STEPS,
-        is_held=lambda: chip.handles > 0,
-        faults={
-            ABSENT: lambda begins: setattr(chip, "is_absent", begins),
-            FAILS: lambda begins: setattr(chip, "is_failing", begins),
-        },
-    )
-
-
-@pytest.mark.parametrize("driver", [SoundLamp, *SoundLamp.__subclasses__()], ids=lambda each: each.__name__)
-class TestLamps(ActuatorContract):
+@pytest.mark.parametrize("name", ACTUATOR)
+class TestActuators(ActuatorContract):
     @pytest.fixture
-    def make_rig(self, driver: type[SoundLamp]) -> Callable[[], ActuatorRig]:
-        return lambda: lamp_rig(driver)
+    def make_rig(self, name: str) -> Callable[[], Any]:
+        return planted(lambda: test_actuators.gpiozero_rig("led", {"dimmed": True}), name)
 
 
-class TestLampWhoseRigNamesNoFaults(ActuatorContract):
-    @pytest.fixture
-    def make_rig(self) -> Callable[[], ActuatorRig]:
-        return lambda: replace(lamp_rig(SoundLamp), faults={})
-
-
-class SoundButton:
-    """A button without a mistake: the chip is on its first step while somebody presses."""
-
-    def __init__(self, chip: Chip) -> None:
-        self.chip = chip
-        self.is_open = False
-
-    def open(self) -> None:
-        if self.is_open:
-            return
-        try:
-            self.chip.take()
-        except VendorError as error:
-            raise DeviceOpenError(f"button: {error}") from error
-        self.is_open = True
-
-    def is_pressed(self) -> bool:
-        if not self.is_open:
-            raise DeviceClosedError("button: it is not open")
-        try:
-            return self.chip.read() > 0
-        except VendorError as error:
-            raise DriverError(f"button: {error}") from error
-
-    def close(self) -> None:
-        if self.is_open:
-            self.is_open = False
-            self.chip.free()
-
-
-class ReadsUpsideDown(SoundButton):
-    def is_pressed(self) -> bool:
-        return not super().is_pressed()
-
-
-class SaysItOnce(SoundButton):
-    was_pressed = False
-
-    def is_pressed(self) -> bool:
-        was_pressed, self.was_pressed = self.was_pressed, super().is_pressed()
-        return self.was_pressed and not was_pressed
-
-
-class IsReadWhenClosed(SoundButton):
-    def is_pressed(self) -> bool:
-        return super().is_pressed() if self.is_open else False
-
-
-class LetsTheChipsErrorThrough(SoundButton):
-    def is_pressed(self) -> bool:
-        return self.chip.read() > 0 if self.is_open else super().is_pressed()
-
-
-class BelievesThatNobodyPresses(SoundButton):
-    def is_pressed(self) -> bool:
-        try:
-            return super().is_pressed()
-        except DeviceClosedError:
-            raise
-        except DriverError:
-            return False
-
-
-class HoldsTheChipTwice(SoundButton):
-    def open(self) -> None:
-        if self.is_open:
-            self.chip.take()
-        super().open()
-
-
-def button_rig(driver: type[SoundButton]) -> ButtonRig:
-    chip = Chip()
-    return ButtonRig(
-        device=driver(chip),
-        press=lambda is_down: setattr(chip, "step", int(is_down)),
-        is_held=lambda: chip.handles > 0,
-        faults={
-            ABSENT: lambda begins: setattr(chip, "is_absent", begins),
-            FAILS: lambda begins: setattr(chip, "is_failing", begins),
-        },
-    )
-
-
-@pytest.mark.parametrize("driver", [SoundButton, *SoundButton.__subclasses__()], ids=lambda each: each.__name__)
+@pytest.mark.parametrize("name", BUTTON)
 class TestButtons(ButtonContract):
     @pytest.fixture
-    def make_rig(self, driver: type[SoundButton]) -> Callable[[], ButtonRig]:
-        return lambda: button_rig(driver)
+    def make_rig(self, name: str) -> Callable[[], Any]:
+        return planted(test_buttons.gpiozero_rig, name)
 
 
-class Line(Struct):
-    """A serial line with a robot behind it that acknowledges each command, in steps of 1 cm/s and 0.01 rad/s."""
+@pytest.mark.parametrize("name", BASE)
+class TestBases(test_bases.TestRosArduinoBase):
+    make_sound_rig = test_bases.SerialBaseContract.make_rig
 
-    is_unplugged: bool = False
-    is_silent: bool = False
-    is_full: bool = False
-    holders: int = 0
-    motion: tuple[float, float] = (0.0, 0.0)
-    answers: list[bytes] = field(default_factory=list)
-
-    def write(self, linear: int, angular: int) -> None:
-        if self.is_unplugged:
-            raise OSError("no such device")
-        if self.is_full:
-            raise OSError("would block")
-        if not self.is_silent:
-            self.motion = (linear / 100, angular / 100)
-            self.answers.append(b"OK")
-
-    def read(self) -> list[bytes]:
-        if self.is_unplugged:
-            raise OSError("no such device")
-        heard, self.answers = self.answers, []
-        return heard
-
-
-class SoundBase:
-    """A base without a mistake."""
-
-    def __init__(self, line: Line, clock: ManualClock) -> None:
-        self.line = line
-        self.clock = clock
-        self.is_open = False
-        self.waiting_since_s: float | None = None
-
-    def open(self) -> None:
-        if self.is_open:
-            return
-        self.take()
-        try:
-            self.greet()
-        except LinkLostError as error:
-            self.release()
-            raise DeviceOpenError(str(error)) from error
-
-    def take(self) -> None:
-        self.line.holders += 1
-        self.is_open, self.waiting_since_s = True, None
-
-    def greet(self) -> None:
-        self.line.answers.clear()
-        self.send(0, 0)
-        self.clock.advance_s(0.1)
-        self.read()
-        if self.waiting_since_s is not None:
-            raise LinkLostError("base: it does not answer")
-
-    def apply(self, command: TwistCommand) -> TwistCommand:
-        linear, angular = round(100 * max(-0.5, min(0.5, command.linear_mps))), round(100 * command.angular_radps)
-        self.send(linear, angular)
-        return replace(command, linear_mps=linear / 100, angular_radps=angular / 100, tilt_radps=0.0)
-
-    def tick(self, now_s: float) -> None:
-        self.check_open()
-        self.read()
-        self.check_silence(now_s)
-
-    def stop(self) -> None:
-        if self.is_open:
-            self.send(0, 0)
-
-    def close(self) -> None:
-        try:
-            self.stop()
-        finally:
-            self.release()
-
-    def release(self) -> None:
-        if self.is_open:
-            self.is_open = False
-            self.line.holders -= 1
-
-    def check_open(self) -> None:
-        if not self.is_open:
-            raise DeviceClosedError("base: it is not open")
-
-    def check_silence(self, now_s: float) -> None:
-        if self.waiting_since_s is not None and now_s - self.waiting_since_s > 0.3:
-            raise LinkLostError("base: it has stopped answering")
-
-    def send(self, linear: int, angular: int) -> None:
-        self.check_open()
-        try:
-            self.line.write(linear, angular)
-        except OSError as error:
-            raise LinkLostError(f"base: {error}") from error
-        if self.waiting_since_s is None:
-            self.waiting_since_s = self.clock.now_s()
-
-    def read(self) -> None:
-        try:
-            if self.line.read():
-                self.waiting_since_s = None
-        except OSError as error:
-            raise LinkLostError(f"base: {error}") from error
-
-
-class NeverNoticesSilence(SoundBase):
-    def check_silence(self, now_s: float) -> None:
-        pass
-
-
-class OpensWithoutAnAnswer(SoundBase):
-    def greet(self) -> None:
-        self.send(0, 0)
-
-
-class LetsOsErrorsThrough(SoundBase):
-    def read(self) -> None:
-        if self.line.read():
-            self.waiting_since_s = None
-
-
-class ReportsTheSpeedThatWasAsked(SoundBase):
-    def apply(self, command: TwistCommand) -> TwistCommand:
-        applied = super().apply(command)
-        return applied if abs(command.linear_mps) > 0.5 else command
-
-
-class ReportsATiltThatItHasNot(SoundBase):
-    def apply(self, command: TwistCommand) -> TwistCommand:
-        return replace(super().apply(command), tilt_radps=command.tilt_radps)
-
-
-class TakesThePortAgainWhenOpenedTwice(SoundBase):
-    def open(self) -> None:
-        if self.is_open:
-            self.line.holders += 1
-        super().open()
-
-
-class KeepsThePortWhenTheLinkIsLost(SoundBase):
-    def close(self) -> None:
-        if self.is_open:
-            self.stop()
-            self.release()
-
-
-class DrivesOnWhenClosed(SoundBase):
-    def close(self) -> None:
-        self.release()
-
-
-class WaitsForEachAnswer(SoundBase):
-    def apply(self, command: TwistCommand) -> TwistCommand:
-        time.sleep(0.2)
-        return super().apply(command)
-
-
-def base_rig(driver: type[SoundBase]) -> BaseRig:
-    clock, line = ManualClock(), Line()
-    return BaseRig(
-        device=driver(line, clock),
-        clock=clock,
-        is_held=lambda: line.holders > 0,
-        motion=lambda: line.motion,
-        faults={
-            UNPLUGGED: lambda begins: (setattr(line, "is_unplugged", begins), setattr(line, "motion", (0.0, 0.0)))[0],
-            SILENT: lambda begins: setattr(line, "is_silent", begins),
-            TAKES_NO_BYTES: lambda begins: setattr(line, "is_full", begins),
-        },
-    )
-
-
-@pytest.mark.parametrize("driver", [SoundBase, *SoundBase.__subclasses__()], ids=lambda each: each.__name__)
-class TestBases(BaseContract):
     @pytest.fixture
-    def make_rig(self, driver: type[SoundBase]) -> Callable[[], BaseRig]:
-        return lambda: base_rig(driver)
+    def make_rig(self, name: str, make_sound_rig: Callable[[], Any]) -> Callable[[], Any]:
+        return planted(make_sound_rig, name)
 
 
-class TestBaseThatCannotFail(BaseContract):
-    @pytest.fixture
-    def make_rig(self) -> Callable[[], BaseRig]:
-        never = impossible("it is made of words")
-        return lambda: replace(base_rig(SoundBase), faults={UNPLUGGED: never, SILENT: never, TAKES_NO_BYTES: never})
-
-
-ItemT = TypeVar("ItemT", Message, Notification)
-
-
-class Service(Struct, Generic[ItemT]):
-    """The other side of a messenger or a notifier."""
-
-    taken: list[ItemT] = field(default_factory=list)
-    is_gone: bool = False
-    is_silent: bool = False
-
-    def faults(self) -> dict[str, Callable[[bool], None]]:
-        """Return what begins and ends each of its faults."""
-        return {
-            GONE: lambda begins: setattr(self, "is_gone", begins),
-            NO_ANSWER: lambda begins: setattr(self, "is_silent", begins),
-        }
-
-    def send(self, item: ItemT) -> bool:
-        """Return whether the item was acknowledged."""
-        if self.is_gone:
-            raise OSError("connection refused")
-        if not self.is_silent:
-            self.taken.append(item)
-        return not self.is_silent
-
-
-class SoundSender(Generic[ItemT]):
-    """What a messenger and a notifier have in common, without a mistake: a queue of 100, sent when it is looked at."""
-
-    def __init__(self, service: Service[ItemT]) -> None:
-        self.service = service
-        self.is_open = False
-        self.given_up = 0
-        self.waiting: list[ItemT] = []
-
-    def open(self) -> None:
-        self.is_open = True
-
-    def hand_over(self, item: ItemT) -> None:
-        if not self.is_open:
-            raise DeviceClosedError("it is not open")
-        self.waiting.append(item)
-        if len(self.waiting) > 100 and (last := first_to_go(each.severity for each in self.waiting)) is not None:
-            del self.waiting[last]
-            self.given_up += 1
-        self.deliver()
-
-    def deliver(self) -> bool:
-        """Return whether the other side is there."""
-        try:
-            while self.is_open and self.waiting:
-                if not self.service.send(self.waiting[0]):
-                    return False
-                del self.waiting[0]
-        except OSError:
-            return False
-        return not (self.service.is_gone or self.service.is_silent)
-
-    def undelivered(self) -> tuple[ItemT, ...]:
-        self.deliver()
-        return tuple(self.waiting)
-
-    def trouble(self) -> str:
-        return "" if self.is_open and self.deliver() else "the service is away"
-
-    def close(self) -> None:
-        self.deliver()
-        self.is_open = False
-
-
-class SoundMessenger(SoundSender[Message]):
-    def publish(self, message: Message) -> None:
-        if not self.is_open:
-            raise DeviceClosedError("it is not open")
-        if message.qos or self.deliver():
-            self.hand_over(message)
-
-
-class PublishesWaiting(SoundMessenger):
-    def publish(self, message: Message) -> None:
-        super().publish(message)
-        if self.service.is_gone:
-            time.sleep(0.2)
-
-
-class RaisesWhenTheBrokerIsGone(SoundMessenger):
-    def publish(self, message: Message) -> None:
-        super().publish(message)
-        if self.service.is_gone:
-            raise OSError("connection refused")
-
-
-class ForgetsWhatWasNotAcknowledged(SoundMessenger):
-    def deliver(self) -> bool:
-        is_there = super().deliver()
-        if self.service.is_silent:
-            self.waiting.clear()
-        return is_there
-
-
-class NeverNoticesThatTheBrokerIsGone(SoundMessenger):
-    def trouble(self) -> str:
-        return ""
-
-
-class ForgetsWhatIsLeftWhenClosed(SoundMessenger):
-    def close(self) -> None:
-        super().close()
-        self.waiting.clear()
-
-
-class DropsTheOldestUncounted(SoundMessenger):
-    def hand_over(self, item: Message) -> None:
-        super().hand_over(item)
-        self.given_up = 0
-
-
-class LeavesAThread(SoundMessenger):
-    def open(self) -> None:
-        super().open()
-        threading.Thread(target=time.sleep, args=(3.0,), daemon=True).start()
-
-
-def messenger_rig(driver: type[SoundMessenger]) -> MessengerRig:
-    service: Service[Message] = Service()
-    messenger = driver(service)
-
-    def delivered() -> list[tuple[str, str]]:
-        messenger.deliver()
-        return [(message.topic, message.payload) for message in service.taken]
-
-    return MessengerRig(
-        device=messenger,
-        delivered=delivered,
-        faults=service.faults(),
-        patience_s=0.2,
-    )
-
-
-@pytest.mark.parametrize("driver", [SoundMessenger, *SoundMessenger.__subclasses__()], ids=lambda each: each.__name__)
+@pytest.mark.parametrize("name", MESSENGER)
 class TestMessengers(MessengerContract):
     @pytest.fixture
-    def make_rig(self, driver: type[SoundMessenger]) -> Callable[[], MessengerRig]:
-        return lambda: messenger_rig(driver)
+    def make_rig(self, name: str) -> Callable[[], Any]:
+        return planted(test_messengers.simulated_rig, name)
 
 
-class SoundNotifier(SoundSender[Notification]):
-    def notify(self, notification: Notification) -> None:
-        self.hand_over(notification)
-
-
-class NotifiesWaiting(SoundNotifier):
-    def notify(self, notification: Notification) -> None:
-        super().notify(notification)
-        if self.service.is_silent:
-            time.sleep(0.2)
-
-
-class BelievesThatEverythingWasTaken(SoundNotifier):
-    def deliver(self) -> bool:
-        is_there = super().deliver()
-        self.waiting.clear()
-        return is_there
-
-
-class TellsItsAddress(SoundNotifier):
-    def trouble(self) -> str:
-        words = super().trouble()
-        return words and f"https://user:secret@example.com: {words}"
-
-
-class RaisesWhenTheServiceIsGone(SoundNotifier):
-    def notify(self, notification: Notification) -> None:
-        super().notify(notification)
-        if self.service.is_gone:
-            raise OSError("connection refused")
-
-
-def notifier_rig(driver: type[SoundNotifier]) -> NotifierRig:
-    service: Service[Notification] = Service()
-    notifier = driver(service)
-
-    def delivered() -> list[tuple[str, str]]:
-        notifier.deliver()
-        return [(each.title, each.body) for each in service.taken]
-
-    return NotifierRig(
-        device=notifier,
-        delivered=delivered,
-        faults=service.faults(),
-        patience_s=0.2,
-    )
-
-
-@pytest.mark.parametrize("driver", [SoundNotifier, *SoundNotifier.__subclasses__()], ids=lambda each: each.__name__)
+@pytest.mark.parametrize("name", NOTIFIER)
 class TestNotifiers(NotifierContract):
     @pytest.fixture
-    def make_rig(self, driver: type[SoundNotifier]) -> Callable[[], NotifierRig]:
-        return lambda: notifier_rig(driver)
+    def make_rig(self, name: str) -> Callable[[], Any]:
+        return planted(test_notifiers.simulated_rig, name)
+
+
+class TestActuatorWhoseRigNamesNoFaults(ActuatorContract):
+    @pytest.fixture
+    def make_rig(self) -> Callable[[], Any]:
+        return lambda: replace(test_actuators.gpiozero_rig("led", {}), faults={})

@@ -9,11 +9,9 @@ from typing import Any
 
 import pytest
 
-from stadimeter.config.loader import load_configuration
 from stadimeter.config.untrusted_file import sha256_of
 from stadimeter.web.passwords import PasswordFile
 from stadimeter.workbench.saving import versions
-from stadimeter.workbench.setup.interview import ANSWERS, save_answers
 from support.browser import DESKTOP, PHONE, STILL, Served, served, tab, until
 from support.page_checks import faults_of
 
@@ -66,16 +64,6 @@ def test_sliders_show_the_mask_of_the_live_picture_and_what_the_ball_and_the_res
         assert still.configuration.read_text() == STILL
 
 
-def test_one_finger_on_a_slider_moves_it(browser, still):
-    with tab(browser, size=PHONE) as page:
-        opened(page, still)
-        slider = page.get_by_label("Saturation from", exact=True)
-        slider.scroll_into_view_if_needed()
-        box = slider.bounding_box()
-        page.touchscreen.tap(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-        assert values(page)[2] == pytest.approx(128, abs=8)
-
-
 def test_the_keyboard_moves_and_undoes_and_quick_presses_are_one_step(browser, still):
     with tab(browser) as page:
         opened(page, still)
@@ -93,18 +81,6 @@ def test_the_keyboard_moves_and_undoes_and_quick_presses_are_one_step(browser, s
         page.keyboard.press("Escape")
         page.get_by_role("dialog").wait_for(state="detached")
         assert page.evaluate("document.activeElement.textContent") == "Colour …"
-
-
-def test_the_lower_end_pushes_the_upper_one_but_not_of_hue(browser, still):
-    with tab(browser) as page:
-        opened(page, still)
-        move(page, "Saturation to", 120)
-        move(page, "Saturation from", 200)
-        assert values(page)[2:4] == [200, 200]
-        move(page, "Saturation to", 90)
-        assert values(page)[2:4] == [90, 90]
-        move(page, "Hue from", 170)
-        assert values(page)[:2] == [170, 64]
 
 
 def test_a_range_is_saved_with_a_version_and_the_run_takes_it(browser, tmp_path):
@@ -139,35 +115,3 @@ def test_whoever_may_only_watch_has_no_button_for_it(browser, tmp_path):
         assert page.get_by_role("button", name="Colour …").count() == 0
         asked = page.request.get(f"{here.url}/api/v1/targets/ball/colour.jpg")
         assert asked.status == 403
-
-
-def test_in_the_set_up_sliders_follow_a_click_and_make_the_answer(browser, tmp_path):
-    with served(tmp_path, None, runs=False) as here, tab(browser) as page:
-        save_answers(tmp_path / ANSWERS, {"camera": "simulated", "target": "ball", "size": "20 cm"})
-        page.goto(f"{here.url}/#setup")
-        assert page.get_by_label("Hue from", exact=True).is_disabled()
-        page.get_by_role("button", name="Look for it").click()
-        page.locator(".setup-found.is-good").wait_for()
-        page.locator(".colour-figures").get_by_text(re.compile("On the ball: ([6-9]|100)")).wait_for()
-        text = page.locator(".setup-text input")
-        fitted = text.input_value()
-        assert values(page)[0] == int(fitted.partition(",")[0])
-        move(page, "Value from", 250)
-        until(page, "/,250:/.test(document.querySelector('.setup-text input').value)")
-        page.locator(".colour-figures").get_by_text("It would not be found.").wait_for()
-        page.locator(".colour-figures").get_by_text(re.compile("On the ball: [0-5]?[0-9][.]")).wait_for()
-        page.get_by_role("button", name="Undo").click()
-        until(page, f"document.querySelector('.setup-text input').value === {json.dumps(fitted)}")
-        page.locator(".colour-figures").get_by_text("It would be found").wait_for()
-        assert faults_of(page) == []
-
-
-def test_the_dialog_says_why_where_there_is_nothing_to_show(browser, tmp_path):
-    text = STILL.replace('hsv = "29,86,6:64,255,255"\n', "")
-    with served(tmp_path, text) as here, tab(browser) as page:
-        page.goto(f"{here.url}/#live")
-        page.locator(".target .value").wait_for()
-        assert page.get_by_role("button", name="Colour …").count() == 0
-        asked = page.request.get(f"{here.url}/api/v1/targets/ball/colour.jpg")
-        assert "measured by its colour" in asked.json()["error"]["message"]
-        assert load_configuration(here.configuration).targets[0].name == "ball"

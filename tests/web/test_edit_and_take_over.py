@@ -124,13 +124,3 @@ def test_a_recording_is_made_listed_shown_compared_and_deleted(page: Page) -> No
     assert lane["after"][0]["to_s"] == pytest.approx(whole["seconds"], abs=0.1)
     page("DELETE", f"recordings/{whole['name']}")
     assert page("GET", "recordings")["recordings"] == []
-
-
-def test_saving_works_while_there_is_no_run(page: Page) -> None:
-    run = page.here.run
-    assert run is not None
-    run.terminate()
-    run.wait(timeout=120)
-    kept = page.save(TEXT + "# later\n", page("GET", "configuration")["version"])
-    assert kept["needs"] == "start"
-    assert page.here.configuration.read_text() == TEXT + "# later\n"

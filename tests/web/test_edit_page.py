@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Iterator
 from typing import Any
 
@@ -127,34 +126,6 @@ def test_the_second_of_two_who_save_is_shown_what_the_first_changed_and_loses_no
         assert "4.5 m" in other.input_value()
 
 
-def test_a_save_that_cannot_learn_what_another_has_saved_says_so_and_can_be_pressed_again(browser, here):
-    with tab(browser) as page:
-        edit(opened(page, here), NEAR, 'when = { below = "1.45 m" }')
-        here.configuration.write_text(ROOM + "# of another\n")
-        page.route(
-            "**/api/v1/configuration",
-            lambda route: route.abort() if route.request.method == "GET" else route.continue_(),
-        )
-        save(page)
-        page.get_by_text("The page's server does not answer.").wait_for()
-        page.unroute("**/api/v1/configuration")
-        save(page)
-        page.get_by_text("Someone else saved this configuration").wait_for()
-
-
-def test_the_second_may_save_in_place_of_the_first_whose_text_is_kept_as_a_version(browser, here):
-    with tab(browser) as page:
-        field = opened(page, here)
-        here.configuration.write_text(ROOM.replace(NEAR, 'when = { below = "70 cm" }'))
-        edit(field, NEAR, 'when = { below = "60 cm" }')
-        save(page)
-        page.get_by_role("button", name="Save mine in place of theirs").click()
-        page.get_by_role("region", name="Saved").wait_for()
-        assert "60 cm" in here.configuration.read_text()
-        page.get_by_role("button", name="Compare").first.click()
-        page.get_by_text('- when = { below = "70 cm" }').wait_for()
-
-
 def test_a_text_with_errors_is_saved_only_by_one_who_says_so(browser, here):
     with tab(browser) as page:
         edit(opened(page, here), NEAR, 'when = { below = "1 parsec" }')
@@ -171,16 +142,6 @@ def test_what_is_saved_is_applied_by_a_reload_where_that_is_enough(browser, here
         save(page)
         page.get_by_role("button", name="Reload the run").click()
         page.get_by_text("changed: near").wait_for()
-
-
-def test_a_text_that_the_run_goes_by_already_asks_for_nothing(browser, tmp_path):
-    with served(tmp_path) as here, tab(browser) as page:
-        edit(opened(page, here), NEAR, 'when = { below = "1.35 m" }')
-        saved(page)
-        page.get_by_role("button", name="Bring back").first.click()
-        page.get_by_role("dialog").get_by_role("button", name="Bring back").click()
-        page.get_by_text("The run goes by it already.").wait_for()
-        assert page.get_by_role("button", name="Start the run").count() == 0
 
 
 def test_a_changed_camera_restarts_the_run_and_the_page_stays(browser, here):
@@ -221,14 +182,3 @@ def test_saving_works_while_there_is_no_run_and_the_page_offers_to_start_one(bro
         page.get_by_role("region", name="Saved").get_by_role("button", name="Start the run").click()
         page.get_by_text("live", exact=True).wait_for()
     assert "1.3 m" in alone.configuration.read_text()
-
-
-def test_a_run_that_is_killed_is_missed_and_found_again_when_it_is_back(browser, tmp_path):
-    with served(tmp_path) as here, tab(browser) as page:
-        page.goto(f"{here.url}/#live")
-        page.get_by_text("live", exact=True).wait_for()
-        here.run.send_signal(signal.SIGKILL)
-        page.get_by_text("not connected").wait_for()
-        here.run.wait()
-        here.start_run()
-        page.get_by_text("live", exact=True).wait_for()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,7 +9,7 @@ import pytest
 
 from stadimeter.web.passwords import PasswordFile
 from support.broker import MosquittoBroker
-from support.browser import DESKTOP, PHONE, ROOM, SILENT_AFTER_ONE, STILL, Served, served, tab, until
+from support.browser import PHONE, ROOM, SILENT_AFTER_ONE, STILL, Served, served, tab, until
 
 
 @pytest.fixture(scope="module")
@@ -84,50 +83,6 @@ def test_distances_are_shown_in_the_unit_that_a_person_chose_and_remembered(brow
         assert " ft" in text_of(page, ".rule .body")
 
 
-def test_the_chart_is_read_by_the_keyboard(browser, still):
-    with tab(browser) as page:
-        opened(page, still)
-        page.locator("canvas[data-drawn]").wait_for()
-        page.wait_for_timeout(1500)
-        chart = page.get_by_role("slider", name="Distances of the last minutes")
-        chart.focus()
-        page.keyboard.press("ArrowLeft")
-        assert "ago" in text_of(page, ".read")
-        assert "ball 3." in text_of(page, ".read")
-        assert chart.get_attribute("aria-valuetext") == text_of(page, ".read")
-
-
-REMEMBERING = """
-[figures.nearest]
-statistic = "minimum"
-within = "1 h"
-
-[rules.visit]
-when = { below = "10 m" }
-
-[rules.often]
-when = { count = { rule = "visit", at_least = 3, within = "1 min" } }
-
-[rules.beep]
-actuator = "buzzer"
-ramp = { from = "5 m", to = "1 m" }
-when = { below = "50 cm" }
-"""
-
-
-def test_counts_gates_and_remembered_figures_are_shown_and_a_count_is_reset(browser, tmp_path):
-    with served(tmp_path, STILL + REMEMBERING) as here, tab(browser, size=(390, 844)) as page:
-        opened(page, here)
-        page.get_by_text("visit raised 1 of 3 times within 1 min").wait_for()
-        page.get_by_text("its when does not hold").wait_for()
-        figure = text_of(page, ".remembered li")
-        assert re.fullmatch(r"nearest 3\.[12]\d* m the minimum of the distance of ball within 1 h", figure)
-        page.locator(".rule", has_text="1 of 3 times").get_by_text("More").click()
-        page.get_by_role("button", name="Reset: often").click()
-        page.get_by_role("dialog").get_by_role("button", name="Reset").click()
-        page.get_by_text("visit raised 0 of 3 times within 1 min").wait_for()
-
-
 def test_an_alarm_is_acknowledged_and_reset_with_a_name_and_a_reason(browser, moving):
     with tab(browser, size=PHONE) as page:
         opened(page, moving)
@@ -141,19 +96,6 @@ def test_an_alarm_is_acknowledged_and_reset_with_a_name_and_a_reason(browser, mo
         page.get_by_role("button", name="Reset: near").press("Enter")
         page.get_by_role("dialog").get_by_role("button", name="Reset").click()
         page.get_by_text("near reset by zoe").wait_for()
-
-
-def test_an_alarm_is_shelved_for_a_while_and_taken_up_again(browser, still):
-    with tab(browser) as page:
-        opened(page, still)
-        page.locator(".rule", has_text="buzzer").locator("summary").click()
-        page.get_by_role("button", name="Shelve: near").click()
-        page.get_by_label("For how long").select_option("5 minutes")
-        page.get_by_role("dialog").get_by_role("button", name="Shelve").click()
-        page.get_by_text("idle, shelved").wait_for()
-        page.get_by_role("button", name="Unshelve: near").click()
-        page.get_by_role("dialog").get_by_role("button", name="Unshelve").click()
-        page.get_by_text("idle", exact=True).wait_for()
 
 
 def test_a_threshold_is_set_and_withdrawn_and_a_rule_is_observed_only(browser, still):
@@ -218,24 +160,6 @@ def test_a_hold_that_ended_begins_with_a_new_press_only_though_the_key_is_down(b
         assert buzzer.get_by_role("button", name="Hold to test").get_attribute("aria-pressed") == "false"
         page.keyboard.up(" ")
         assert len([each for each in asked if "level" in each]) == 1
-
-
-def test_on_a_desktop_the_page_is_little_more_than_a_screen_high_and_its_columns_end_together(browser, still):
-    with tab(browser, size=DESKTOP) as page:
-        opened(page, still)
-        page.locator(".rule").first.wait_for()
-        ends = page.locator(".live > .stack").evaluate_all(
-            "all => all.map(e => [...e.children].findLast(c => c.clientHeight).getBoundingClientRect().bottom)"
-        )
-        assert len(ends) == 3
-        assert max(ends) < 1500
-        assert min(ends) > 0.6 * max(ends)
-
-
-def test_an_address_that_names_no_view_shows_the_live_one(browser, still):
-    with tab(browser) as page:
-        opened(page, still, "%/x")
-        page.get_by_role("region", name="Camera").wait_for()
 
 
 def test_the_ball_is_moved_and_hidden_in_the_simulated_room(browser, moving):
@@ -326,16 +250,6 @@ def test_who_may_only_read_sees_everything_and_operates_nothing(browser, tmp_pat
         assert page.get_by_role("link", name="Edit").count() == 0
         page.get_by_role("button", name="Log out").click()
         page.locator("input[type=password]").wait_for()
-
-
-def test_a_recording_is_made_with_a_button_and_listed(browser, still):
-    with tab(browser) as page:
-        opened(page, still)
-        page.get_by_role("button", name="Record", exact=True).click()
-        page.get_by_role("button", name="Stop recording").click()
-        page.get_by_text("Recorded:").wait_for()
-        page.get_by_role("link", name="Recordings").click()
-        page.get_by_text(".mcap").first.wait_for()
 
 
 def test_a_connection_that_fell_silent_is_made_anew(browser, still):

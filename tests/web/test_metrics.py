@@ -289,6 +289,7 @@ class TestWithAPassword:
         PasswordFile(site.page.access.file.path).set("read", "another one")
         assert site.get("/metrics", Authorization=f"Bearer {token}").status == 401
 
+    @pytest.mark.long
     def test_the_command_prints_the_token(self, site, token, tmp_path):
         done = invoked(tmp_path / "page.toml", "--metrics-token")
         assert (done.returncode, done.stdout, done.stderr) == (0, token + "\n", "")

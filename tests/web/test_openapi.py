@@ -102,6 +102,7 @@ def test_a_real_run_answers_as_it_says(here, path, name):
     assert (status == 200) == (name != "Error")
 
 
+@pytest.mark.long
 def test_so_do_its_snapshots_in_which_nothing_is_untold(here):
     connection = http.client.HTTPConnection(here.url.removeprefix("http://"), timeout=120)
     connection.request("GET", "/api/v1/live?image=plain")

@@ -177,17 +177,6 @@ def test_a_bar_shows_each_camera_and_one_list_has_the_alarms_of_all_each_with_it
             line.get_by_role("link").wait_for()  # what was known stays, and says its age
 
 
-def test_without_others_nothing_is_asked_and_no_bar_is_there(garage, browser):
-    with tab(browser) as page:
-        asked = []
-        page.on("request", lambda request: asked.append(request.url))
-        page.goto(f"{garage.url}/#alarms")
-        page.get_by_role("heading", name="Alarms", exact=True).wait_for()
-        page.locator(".rule").first.wait_for()
-        assert not [each for each in asked if each.endswith("/others")]
-        assert page.get_by_text("On all cameras").count() == 0
-
-
 LISTED = """\
 +;eth0;IPv4;stadimeter on garage;_http._tcp;local
 =;eth0;IPv4;stadimeter\\032on\\032garage;_http._tcp;local;garage.local;192.168.1.7;8080;"product=stadimeter" "path=/"

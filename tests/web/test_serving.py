@@ -63,13 +63,6 @@ def test_an_address_that_is_not_ours_is_a_sentence(tmp_path, monkeypatch):
     assert (done.returncode, "cannot listen there" in done.stderr) == (2, True)
 
 
-def test_an_address_that_is_none_is_a_sentence(tmp_path, monkeypatch):
-    quicken(monkeypatch)
-    PasswordFile(tmp_path / "room.passwords").set("operate", OPERATE)
-    done = invoked(tmp_path / "room.toml", "--address", "999.1.1.1", "--port", 0)
-    assert (done.returncode, "not known" in done.stderr) == (2, True)
-
-
 @pytest.mark.parametrize("folder", [".", "/", "tests"])
 def test_a_folder_is_no_configuration(folder):
     done = invoked(folder)
@@ -278,12 +271,6 @@ def test_a_run_that_ends_after_its_start_is_told_with_its_last_words(tmp_path, m
         eventually(lambda: told_of_the_run(here)["words"].startswith("the run has ended: lamp: "))
 
 
-@pytest.mark.long
-def test_before_anything_is_set_up_that_is_what_is_told(tmp_path):
-    with served(tmp_path, None, runs=False) as here:
-        assert told_of_the_run(here)["words"] == "Nothing is set up yet."
-
-
 def told_of_the_run(here):
     return asked(here, "GET", "/api/v1/session")[1]["run"]
 
@@ -414,16 +401,6 @@ def test_who_comes_for_tls_and_says_nothing_keeps_no_other_address_out(pairs, tm
         with context.wrap_socket(connected_from("127.0.0.2", port), server_hostname="localhost") as other:
             other.sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
             assert other.recv(1000).startswith(b"HTTP/1.1 200")
-
-
-@pytest.mark.long
-def test_who_comes_for_tls_and_says_nothing_takes_no_more_room(pairs, tmp_path):
-    options = ("--certificate", str(pairs / "one.pem"), "--key", str(pairs / "one.key"))
-    with served(tmp_path, None, *options, runs=False) as here, contextlib.ExitStack() as held:
-        port = int(here.url.rpartition(":")[2])
-        for _ in range(serving.CONNECTIONS_MAX):
-            held.enter_context(socket.create_connection(("127.0.0.1", port), timeout=120))
-        assert ended(held.enter_context(socket.create_connection(("127.0.0.1", port), timeout=120)))
 
 
 def ended(connection):

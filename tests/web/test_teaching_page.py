@@ -79,23 +79,3 @@ def test_a_newcomer_mends_a_rule_that_fired_wrongly(browser: Any, here: Served, 
     unmended = CONFIGURATION + mended.text[mended.text.index("\n[[tests]]") :]
     before = load_configuration(here.configuration, texts={here.configuration: unmended})
     assert not run_rule_test(before, before.tests[0]).passed, "the test holds what was wrong"
-
-
-def test_a_threshold_is_dragged_and_its_alarms_are_counted_at_once(browser: Any, here: Served) -> None:
-    with tab(browser) as page:
-        page.goto(f"{here.url}/#timeline")
-        page.get_by_role("button", name="Try other settings").click()
-        field = page.get_by_role("spinbutton", name="below", exact=True)
-        field.fill("0.8")
-        field.press("Tab")
-        shown(page, "near would have fired 2 times")
-        chart = page.locator(".timeline-chart canvas")
-        chart.scroll_into_view_if_needed()
-        canvas = chart.bounding_box()
-        y = canvas["y"] + until(page, "Number(document.querySelector('[data-line-y]').dataset.lineY)")
-        page.mouse.move(canvas["x"] + 300, y)
-        page.mouse.down()
-        page.mouse.move(canvas["x"] + 300, y - 40, steps=5)
-        page.mouse.up()
-        until(page, "Number(document.querySelector('input[aria-label=below]').value) > 0.9")
-        shown(page, "With below")

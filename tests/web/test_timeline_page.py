@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from support.browser import PHONE, ROOM, STILL, Served, served, tab, until
+from support.browser import STILL, Served, served, tab, until
 from support.timeline_day import keep_day
 
 CHART = "document.querySelector('.timeline-chart').dataset"
@@ -42,24 +42,6 @@ def test_a_day_is_there_at_once_and_zooming_in_shows_each_second(browser: Any, h
         for _ in range(40):
             page.mouse.wheel(0, -300)
         until(page, f"{SPAN_S} < 60 && {CHART}.step === '1'")
-
-
-def test_it_is_scrolled_by_the_mouse_and_by_buttons_and_comes_back_to_now(browser: Any, here: Served) -> None:
-    with tab(browser) as page:
-        opened(page, here)
-        before = until(page, f"Number({CHART}.to)")
-        box = page.locator(".u-over").bounding_box()
-        page.mouse.move(box["x"] + 200, box["y"] + 50)
-        page.mouse.down()
-        page.mouse.move(box["x"] + 500, box["y"] + 50, steps=5)
-        page.mouse.up()
-        until(page, f"Number({CHART}.to) < {before - HOUR_S}")
-        page.get_by_role("button", name="Earlier").click()
-        until(page, f"Number({CHART}.to) < {before - 12 * HOUR_S}")
-        page.get_by_role("button", name="To now").click()
-        until(page, f"Number({CHART}.to) >= {before}")
-        page.get_by_role("button", name="Show 1 h").click()
-        until(page, f"Math.abs({SPAN_S} - 3600) < 2")
 
 
 def test_the_keyboard_reads_scrolls_zooms_and_explains(browser: Any, here: Served) -> None:
@@ -107,27 +89,3 @@ def test_live_values_go_on_at_the_right_edge_and_the_run_explains_them(browser: 
         assert "far active" in words
         page.keyboard.press("Enter")
         page.get_by_role("region", name="The moment").get_by_text("By the run itself").wait_for()
-
-
-def test_two_fingers_zoom_on_a_phone(browser: Any, here: Served) -> None:
-    with tab(browser, size=PHONE) as page:
-        opened(page, here)
-        box = page.locator(".u-over").bounding_box()
-        touch = page.context.new_cdp_session(page)
-
-        def fingers(kind: str, *parts: float) -> None:
-            points = [{"x": box["x"] + part * box["width"], "y": box["y"] + 80} for part in parts]
-            touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-
-        fingers("touchStart", 0.45)
-        fingers("touchStart", 0.45, 0.55)
-        for away in (0.1, 0.2, 0.3, 0.4):
-            fingers("touchMove", 0.45 - away, 0.55 + away)
-        fingers("touchEnd")
-        until(page, f"{SPAN_S} < {12 * HOUR_S}")
-
-
-def test_a_run_that_keeps_none_says_how_to_have_one(browser: Any, tmp_path: Any) -> None:
-    with served(tmp_path, ROOM) as without, tab(browser) as page:
-        opened(page, without)
-        page.get_by_text("This run keeps no timeline").wait_for()

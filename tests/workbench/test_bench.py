@@ -30,6 +30,7 @@ def test_every_detector_finds_what_it_is_measured_on(figures):
     )
 
 
+@pytest.mark.long
 def test_speeds_are_positive_and_tracking_was_measured(figures):
     assert all(speed.search.median_ms > 0 for speed in figures.detectors)
     assert all(speed.track is not None and speed.track.median_ms > 0 for speed in figures.detectors if speed.found)

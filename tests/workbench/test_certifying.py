@@ -121,6 +121,7 @@ def test_too_few_placements_propose_no_further_one(path: Path) -> None:
     assert session_of(path).propose_further_m() == []
 
 
+@pytest.mark.long
 def test_a_simulated_target_is_put_where_it_belongs_and_read_there(path: Path) -> None:
     placed = session_of(path).take(2.0, for_s=QUICK_S)
     assert placed.is_read
@@ -146,6 +147,7 @@ def test_a_certificate_and_its_pages_are_written_and_checked(measured: Path) -> 
     assert [each for each in feasibility_warnings(load_configuration(measured)) if "certificate" in each.message] == []
 
 
+@pytest.mark.long
 def test_what_was_measured_is_kept_and_gone_on_with(measured: Path) -> None:
     again = session_of(measured)
     assert [each.tape_m for each in again.certificate.placements] == [*PLACES_M]

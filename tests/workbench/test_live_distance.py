@@ -96,6 +96,7 @@ def test_a_second_distance_is_advised_at_which_the_target_is_still_large_enough(
         assert session.next_distance_m == pytest.approx(times * first_m)
 
 
+@pytest.mark.long
 def test_a_sheet_is_measured_to_itself(device: V4l2Double) -> None:
     device.show(sheet_at(1.0))
     with _session(device, _target("sheet", width="29.7 cm", height="21 cm")) as session:

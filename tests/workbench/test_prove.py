@@ -160,6 +160,7 @@ DEFECTS: tuple[tuple[Plant, tuple[str, ...]], ...] = (
 )
 
 
+@pytest.mark.long
 def test_a_run_that_arms_itself_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     write_robot("ros-arduino-bridge", lambda text: f'{text}\n[safety]\narm = "by-button"\n')
     assert proven(1, "unplug-base", "block-camera").counter_example is None
@@ -270,6 +271,7 @@ def test_what_cannot_be_proven_is_refused(change: Callable[[str], str], words: s
         proven(1, "hide-target")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", ["kill-process", "hang-process"])
 def test_the_watchdog_process_stops_pins_that_nothing_else_stops(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     write_robot("gpio-motors")
@@ -349,6 +351,7 @@ def test_a_planted_defect_of_a_camera_on_servos_is_found(
     assert "servo" in found.violation.words or not shown_by
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("base", ["gpio-motors", "pca9685"])
 def test_pins_are_proven_too(base: str) -> None:
     write_robot(base)

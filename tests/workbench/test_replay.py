@@ -87,6 +87,7 @@ def test_what_comes_before_a_damaged_line_is_decided(tmp_path):
         next(decided)
 
 
+@pytest.mark.long
 def test_of_thousands_of_other_decisions_each_counts(tmp_path):
     sights = [2.0, 2.0, *[0.8, 3.0] * 1200]
     result = replay(journal_of(tmp_path / "run.jsonl", *sights), plan(below_m=5.0))

@@ -61,6 +61,7 @@ def test_the_saved_range_is_shown_with_what_the_ball_and_the_rest_give(desk: Des
     assert image.shape[1] == 320
 
 
+@pytest.mark.long
 def test_a_range_of_another_colour_finds_nothing_and_the_saved_one_says_where_the_ball_is(desk: Desk) -> None:
     given = ask(desk, "picture", range=RED).data["range"]
     assert not given["is_found"]

@@ -128,6 +128,7 @@ def test_every_operation_of_the_table_is_there() -> None:
             assert callable(find_operation(each.op))
 
 
+@pytest.mark.long
 def test_an_answer_is_given_to_the_question_that_it_names_and_to_no_other(setup: Setup) -> None:
     setup("begin")
     setup("answer", question="camera", answer="simulated")
@@ -136,6 +137,7 @@ def test_an_answer_is_given_to_the_question_that_it_names_and_to_no_other(setup:
     assert setup.question() == "target"
 
 
+@pytest.mark.long
 def test_an_answer_that_cannot_be_kept_is_not_gone_on_from(setup: Setup, monkeypatch: pytest.MonkeyPatch) -> None:
     def fsync(_descriptor: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -294,6 +296,7 @@ def test_the_same_distance_twice_is_refused_and_nothing_is_lost(calibrated: Setu
     assert 0 < taken["focal_sigma_px"] < 10
 
 
+@pytest.mark.long
 def test_sizes_of_nothing_and_cameras_that_are_not_there_are_refused_in_a_sentence(setup: Setup) -> None:
     setup("begin")
     for camera in ("/dev/video99", "simulated,exposure=3 ms", "opencv,device=0,colour=red"):
@@ -376,6 +379,7 @@ def test_pins_are_named_with_what_takes_them_and_the_circuit_is_drawn(calibrated
         calibrated("wiring", output="laser 18")
 
 
+@pytest.mark.long
 def test_a_device_is_opened_once_and_held_until_the_set_up_is_left(
     setup: Setup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -50,6 +50,7 @@ def test_a_dragged_threshold_says_how_many_alarms_come_and_go(desk: Desk) -> Non
     assert found["is_done"]
 
 
+@pytest.mark.long
 def test_what_is_asked_again_reads_no_recording_again(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     ask(desk, "what_if", changes={"below": 0.8})
     monkeypatch.setattr("stadimeter.workbench.teaching.lesson.read_recording", None)

@@ -178,6 +178,7 @@ def recorded(desk: Desk) -> float:
     return began_s
 
 
+@pytest.mark.long
 def test_a_moment_that_a_recording_holds_is_explained_by_it(desk: Desk, recorded: float) -> None:
     for after_s, status, words in ((30, "idle", "2.000 m"), (110, "active", "0.500 m")):
         found = ask(desk, "timeline_moment.moment", at=recorded + after_s)

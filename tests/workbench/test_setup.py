@@ -165,6 +165,7 @@ def test_a_width_of_the_view_that_is_no_number_is_refused_in_a_sentence(intervie
     assert interview.next_key == "calibration"
 
 
+@pytest.mark.long
 def test_a_distance_in_the_wrong_unit_shows_by_what_the_camera_would_see(interview: Interview) -> None:
     accepted = interview.answer("10 m")
     assert accepted.doubt

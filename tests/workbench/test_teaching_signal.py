@@ -100,6 +100,7 @@ def test_marks_that_some_rule_meets_are_never_refused(tmp_path, own):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("around_s", "changed"), [(1.2, {"on_delay"}), (0.0, set())], ids=["spans", "moments"])
 def test_marks_that_the_rule_meets_already_change_it_only_if_spans_show_another_time(tmp_path, around_s, changed):
     lesson = lesson_of(tmp_path, **{**HIDDEN, "on_delay": 0.0})

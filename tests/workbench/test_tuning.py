@@ -81,6 +81,7 @@ def seen(folder: Path, where_m, noise=USUAL, **how):
     )
 
 
+@pytest.mark.long
 def test_the_noise_of_a_recording_is_found_whatever_it_states(tmp_path):
     noise = KnownNoise(per_m2=0.012, stated_per_m2=0.006, correlation=0.6, gross=0.02, missing=0.1)
     found = noise_of([seen(tmp_path, lambda _: 2.0, noise, seconds=300)])
@@ -115,6 +116,7 @@ def walks(at_s):
     return float(np.interp(at_s % 23, times_s, places_m))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("noise", [KnownNoise(), KnownNoise(per_m2=0.001, stated_per_m2=0.001, correlation=0.0)])
 def test_a_target_in_motion_has_no_outliers_and_no_more_noise_than_one_at_rest(tmp_path, noise):
     found = noise_of([seen(tmp_path, walks, noise, seconds=300)])

@@ -118,6 +118,7 @@ def test_it_is_what_a_replay_says(kept: KeptRecording, **changes: float) -> None
     }
 
 
+@pytest.mark.long
 def test_only_what_depends_on_a_changed_rule_is_judged_again(kept: KeptRecording) -> None:
     new = load(kept.configuration.path.parent, below=2.0)
     names = [new.plan.rules[each].name for each in judged_apart(kept.configuration.plan, new.plan) or ()]

@@ -72,7 +72,7 @@ class HBridgeOptions(DriverOptions):
     swap_sides: bool = False
     """Whether the left motor drives the right wheel."""
     invert_left: bool = False
-    """Whether the left wheel turns backwards when told to turn forwards."""
+    """Whether the left wheel turns backwards when commanded forwards."""
     invert_right: bool = False
     """The same for the right wheel."""
 

@@ -61,7 +61,7 @@ class SerialBaseOptions(DriverOptions):
     swap_sides: bool = False
     """Whether the base's left motor drives the right wheel."""
     invert_left: bool = False
-    """Whether the left wheel turns backwards when told to turn forwards."""
+    """Whether the left wheel turns backwards when commanded forwards."""
     invert_right: bool = False
     """The same for the right wheel."""
     boot_wait: Duration = 4.0

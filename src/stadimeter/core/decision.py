@@ -26,7 +26,7 @@ class EventKind(StrEnum):
     FAULT_CLEARED = "fault_cleared"
     ACKNOWLEDGED = "acknowledged"
     RESET = "reset"
-    """An alarm that latched was ended by somebody."""
+    """A person ended an alarm that latched."""
     REALARMED = "realarmed"
     """An alarm still stands, and is reported again."""
     SHELVED = "shelved"
@@ -52,10 +52,10 @@ class EventKind(StrEnum):
     REFUSED = "refused"
     """What an operator wanted could not be done."""
     STOPPED = "stopped"
-    """Somebody has stopped every output."""
+    """A person has stopped every output."""
     RELEASED = "released"
     DISARMED = "disarmed"
-    """Every output is kept at its safe value until somebody arms the run: somebody wants it, or something failed."""
+    """Every output is kept at its safe value until the run is armed: a person wants it, or something failed."""
     ARMED = "armed"
     SEARCH_BEGUN = "search_begun"
     """A base has lost its target, and turns to find it."""
@@ -155,7 +155,7 @@ class RuleStatus(StrEnum):
     LATCHED = "latched"
     """Its condition is over, but it stands until it is reset."""
     RETURNED = "returned"
-    """Its condition is over, but nobody has acknowledged it."""
+    """Its condition is over, but no one has acknowledged it."""
     UNKNOWN = "unknown"
     """There is nothing to judge by: its target is not seen."""
 
@@ -207,9 +207,9 @@ class SafetyMode(StrEnum):
     STALE = "stale"
     """The newest frame is too old: every output is kept at its safe value."""
     STOPPED = "stopped"
-    """Somebody has stopped every output: each is kept at its safe value until they are released."""
+    """A person has stopped every output: each is kept at its safe value until they are released."""
     DISARMED = "disarmed"
-    """The run was not armed yet, or has lost that: every output is kept at its safe value until somebody arms it."""
+    """The run was not armed yet, or has lost that: every output is kept at its safe value until it is armed."""
 
 
 class Decision(Struct, frozen=True, kw_only=True, eq=False):

@@ -150,7 +150,7 @@ class FigureTable(WindowTable):
     statistic: Literal["minimum", "maximum", "mean", "median", "percentile"]
     """What of all values within the window."""
     percentile: Annotated[float, Field(ge=0, le=100, strict=False)] | None = None
-    """In percent, for ``percentile``: so many of the values are no larger."""
+    """In percent, for ``percentile``: that share of the values is no larger."""
 
     @model_validator(mode="after")
     def _percentile_named(self) -> Self:
