@@ -22,7 +22,7 @@ from stadimeter.ranging.site_fit import (
     noise_at_m,
     read_placement,
 )
-from support.certified_sites import MIN_FOUND, MOST, claims, covered, draw_site, render_site
+from support.certified_sites import MIN_FOUND, MOST, claims, covered, draw_site
 
 PLACES_M = (0.5, 1.0, 2.0, 3.0, 4.0)
 UNREAD = Placement(tape_m=1.0, true_m=1.0, tape_sigma_m=0.002, frames=40, found=40, size_px=60.0)
@@ -240,11 +240,3 @@ def test_of_large_targets_every_error_of_the_scale_from_the_limit_on_is_found() 
     assert all(claims(sites, MIN_FOUND))
     wrongly = claims([draw_site(2000 + seed, is_right=True, is_large=True) for seed in range(60)])
     assert sum(wrongly) <= 9  # 3 are expected, and 9 are three standard deviations more
-
-
-@pytest.mark.long
-@pytest.mark.vision
-def test_of_rendered_sites_the_scale_is_within_its_interval() -> None:
-    sites = [render_site(seed) for seed in range(12)]
-    assert covered(sites)["scale"] >= 10 / 12
-    assert all(claims(sites, MIN_FOUND))

@@ -1,25 +1,14 @@
-"""Simulated sites to certify: how often the truth is within what is stated, and which errors of the scale are found.
-
-``python -m support.certified_sites`` in ``tests`` prints the figures of docs/certificate.md, from seeds that nothing
-was chosen by. `draw_site` draws what was read from the error model; `render_site` renders placements and measures them.
-"""
+"""Sites to certify, drawn from the error model: how often the truth is within what is stated, and what is found."""
 
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
-from functools import partial
-from itertools import count
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from stadimeter.app.detectors import build_detectors
-from stadimeter.config.plugins import DETECTORS, DriverChoice, load_driver
-from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.ranging.site_fit import (
     LASTING_SHARE,
@@ -32,21 +21,6 @@ from stadimeter.ranging.site_fit import (
     read_placement,
 )
 from stadimeter.workbench.certificate.session import MAX_FURTHER, PROPOSED, SAME_SHARE
-from stadimeter.workbench.measuring import Measuring
-from support.scenes.backdrop import Backdrop, ClutterBackdrop, PlainBackdrop
-from support.scenes.ball import BallTarget
-from support.scenes.blur import Blur
-from support.scenes.plane import Pose, SheetTarget, TagTarget
-from support.scenes.render import render
-from support.scenes.room import RoomBackdrop
-from support.scenes.scene import Scene
-from support.scenes.sensor import Sensor
-from support.scenes.target import Target
-
-LENS = CameraModel.with_focal_length(600.0, 640, 480)
-FRAMES = 8
-FRAME_NOISE = 1.2
-"""Noise that differs between the frames of one rendered placement, in levels; the scene has its own, which stays."""
 
 LIKE_FITTED_PX = 0.03
 """The edge bias of a camera file that was made from near and from far, in pixels: one standard deviation."""
@@ -162,90 +136,6 @@ def go_on(placements: list[Placement], place: Callable[[float], Placement], most
     return tuple(read)
 
 
-KINDS = ("small ball", "large ball", "sheet", "tag")
-FAR_M = (2.0, 5.0, 4.5, 2.5)
-
-
-def render_site(seed: int, *, is_right: bool = False, most: int = 5) -> Site:
-    """Render a site: five placements, each one scene of which eight frames differ by noise, measured as a run does.
-
-    The camera that renders and the target in the scene are true; the camera model and the size that are measured with
-    are wrong by half of the error of the scale each. The edge bias is the detectors' own.
-    """
-    rng = np.random.default_rng((seed, 381))
-    number = seed % len(KINDS)
-    scale = 0.0 if is_right else float(rng.uniform(0.0, 0.05) * rng.choice([-1, 1]))
-    half = (1 + scale) ** 0.5
-    lens = replace(LENS, fx_px=FOCAL_PX * half, fy_px=FOCAL_PX * half, edge_bias_sigma_px=LIKE_FITTED_PX)
-    choice = _assumed(KINDS[number], half)
-    measuring = Measuring(build_detectors((choice,), lens), lens)
-    offset_m, zero_m = float(rng.normal(0, 0.02)), float(rng.normal(0, TAPE_M))
-    true_radius_m = (0.0335, 0.1, 0.0, 0.0)[number]
-    backdrop: Backdrop = (PlainBackdrop(), RoomBackdrop(things=6), ClutterBackdrop())[int(rng.integers(3))]
-    sensor = Sensor(noise=float(rng.uniform(0.5, 2)), shot_noise=float(rng.uniform(0.005, 0.03)))
-    steps = count()
-
-    def place(tape_m: float) -> Placement:
-        stands_m = tape_m + zero_m + float(rng.normal(0, TAPE_M)) + offset_m + true_radius_m
-        aside_m, up_m = (float(each) for each in rng.uniform(-0.03, 0.03, 2) * stands_m)
-        position_m = (aside_m, up_m, math.sqrt(stands_m**2 - aside_m**2 - up_m**2))
-        scene = Scene(
-            camera=LENS,
-            target=_target(KINDS[number], position_m, rng),
-            seed=20 * seed + next(steps),
-            backdrop=backdrop,
-            blur=Blur(sigma_px=float(rng.uniform(0.5, 1))),
-            sensor=sensor,
-        )
-        rendered = render(scene)
-        seen: list[Measurement] = []
-        for frame in range(FRAMES):
-            levels = rendered.image + rng.normal(0, FRAME_NOISE, rendered.image.shape)
-            image = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
-            results = measuring.measure(Frame(image, 0.0, frame, subsampling=rendered.subsampling), "").targets
-            found = [each.measurement for each in results if each.measurement.distance_m is not None]
-            seen += sorted(found, key=lambda each: abs(each.distance_m - stands_m))[:1]
-        placed = Placement(
-            tape_m=tape_m,
-            true_m=tape_m + true_radius_m * half,
-            tape_sigma_m=TAPE_M,
-            frames=FRAMES,
-            found=len(seen),
-            size_px=float(np.median([each.size_share for each in seen])) * 640 if seen else 0.0,
-        )
-        return read_placement(placed, seen, LIKE_FITTED_PX)
-
-    placements = go_on([place(each) for each in np.geomspace(0.5, FAR_M[number], 5).tolist()], place, most)
-    return Site(
-        scale=scale,
-        shift_m=offset_m + true_radius_m * (1 - half),
-        size_px_m=1.0,
-        placements=placements,
-    )
-
-
-def _assumed(kind: str, half: float) -> DriverChoice:
-    driver, table = {
-        "small ball": ("ball", {"diameter": f"{6.7 * half:.6f} cm", "hsv": "25,60,40:50,255,255"}),
-        "large ball": ("ball", {"diameter": f"{20 * half:.6f} cm", "hsv": "25,60,40:50,255,255"}),
-        "sheet": ("sheet", {"width": f"{29.7 * half:.6f} cm", "height": f"{21 * half:.6f} cm"}),
-        "tag": ("tag", {"side": f"{10 * half:.6f} cm", "family": "36h11"}),
-    }[kind]
-    return DriverChoice(name=driver, driver=driver, options=load_driver(DETECTORS, driver).model_validate(table))
-
-
-def _target(kind: str, position_m: tuple[float, float, float], rng: np.random.Generator) -> Target:
-    if kind.endswith("ball"):
-        return BallTarget(position_m=position_m, diameter_m=0.067 if kind == "small ball" else 0.2)
-    pose = Pose(
-        position_m=position_m,
-        tilt_rad=float(rng.uniform(0, 0.15)),
-        tilt_towards_rad=float(rng.uniform(0, 6)),
-        roll_rad=float(rng.uniform(-0.1, 0.1)),
-    )
-    return SheetTarget(pose=pose, width_m=0.297, height_m=0.21) if kind == "sheet" else TagTarget(pose=pose, side_m=0.1)
-
-
 def covered(sites: list[Site]) -> dict[str, float]:
     """Return in which shares of sites the truth is within the stated 95 % interval, the bias at the middle distance."""
     found: dict[str, list[bool]] = {"bias": [], "scale": [], "offset": []}
@@ -267,45 +157,3 @@ MIN_FOUND = WANTED_SCALE
 """From this error of the scale on, it must be found."""
 
 MOST = PROPOSED + MAX_FURTHER
-
-RIGHT = 100_000
-"""What the seeds of sites whose scale is right are ahead of those of others."""
-
-
-def main() -> None:
-    """Print the figures."""
-    wanted = sys.argv[1:]
-    kinds: dict[str, tuple[int, int, int, Callable[..., Site]]] = {
-        "large": (700_000, 200, 200, partial(draw_site, is_large=True)),
-        "any": (700_000, 200, 200, draw_site),
-        "many": (10_000_000, 4000, 4000, draw_site),
-        "rendered": (700_000, 200, 100, render_site),
-    }
-    for name, (seed, count_of_wrong, count_of_right, draw) in kinds.items():
-        if wanted and name not in wanted:
-            continue
-        sites = [draw(seed + number, most=MOST) for number in range(count_of_wrong)]
-        right = [draw(RIGHT + seed + number, is_right=True, most=MOST) for number in range(count_of_right)]
-        _print(f"{name}, five placements", [site.of_five for site in sites], [site.of_five for site in right])
-        _print(f"{name}, {MOST} at most", sites, right)
-
-
-def _print(name: str, sites: list[Site], right: list[Site]) -> None:
-    found, wrongly, fits = claims(sites, MIN_FOUND), claims(right), [site.fit for site in sites]
-    missed = [site for site in sites if abs(site.scale) >= MIN_FOUND and not site.fit.has_wrong_scale]
-    within = sum(abs(site.scale) < site.fit.least_scale for site in missed)
-    stated = [fit.has_wrong_scale for site, fit in zip(sites, fits, strict=True) if abs(site.scale) >= fit.least_scale]
-    print(f"{name}: {covered(sites)}")
-    print(f"  found {sum(found)} of {len(found)}; {within} of those missed are below the least that is stated")
-    print(
-        f"  from the stated least on {sum(stated)} of {len(stated)}; claimed wrongly {sum(wrongly)} of {len(wrongly)}"
-    )
-    print("  scale sigma: median, p95:", np.quantile([fit.scale_sigma for fit in fits], (0.5, 0.95)))
-    print("  least: median, p95, to 1.5 %:", *np.quantile([fit.least_scale for fit in fits], (0.5, 0.95)),
-          sum(fit.least_scale <= WANTED_SCALE for fit in fits))  # fmt: skip
-    print("  placements", sum(len(site.placements) for site in sites), end=" ")
-    print("contradict", sum(not fit.is_consistent for fit in fits))
-
-
-if __name__ == "__main__":
-    main()
