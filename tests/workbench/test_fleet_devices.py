@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tracemalloc
 from typing import Any
 
 import pytest
@@ -17,7 +16,6 @@ from stadimeter.core.rule import AlarmRule
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.messaging.protocol import Received
 from stadimeter.workbench.fleet import devices
-from stadimeter.workbench.fleet.alarm_figures import AlarmFigures
 from stadimeter.workbench.fleet.devices import STALE_S, AlarmEvent, Fleet
 from stadimeter.workbench.fleet.report import fleet_record, troubles
 
@@ -92,17 +90,6 @@ def test_what_a_run_publishes_is_understood_word_for_word(heard: Heard) -> None:
     assert (heard.fleet.passed_over, device["unreadable"]) == (0, 0)
 
 
-@pytest.mark.parametrize("device", ["garage", "hall/press", "plant/hall/press"])
-def test_a_base_topic_may_have_levels(heard: Heard, device: str) -> None:
-    heard.online(device)
-    heard.state(device)
-    heard.rule(device)
-    heard.say(f"{device}/rule/near/availability", b"offline")  # the rule's, and no device's
-    assert list(heard.fleet.devices) == [device]
-    assert heard.status(device) == "online"
-    assert [alarm.device for alarm in heard.fleet.standing] == [device]
-
-
 def test_a_device_that_says_online_and_nothing_else_is_silent(heard: Heard) -> None:
     heard.online()
     heard.rule()  # a broker may have kept this for a year
@@ -114,15 +101,6 @@ def test_a_device_that_says_online_and_nothing_else_is_silent(heard: Heard) -> N
     heard.now_s += 0.1
     assert heard.status() == "silent"
     assert troubles(heard.fleet, heard.now_s)[0] == "garage: silent"
-
-
-def test_the_last_will_of_a_device_is_no_sign_of_its_life(heard: Heard) -> None:
-    heard.online()
-    heard.state()
-    heard.now_s += 10.0
-    heard.say("garage/availability", b"offline")
-    assert heard.status() == "offline"
-    assert fleet_record(heard.fleet, heard.now_s)["devices"][0]["age_s"] == 10.0
 
 
 @pytest.mark.parametrize(
@@ -170,11 +148,6 @@ def test_an_alarm_that_clears_or_whose_rule_is_gone_stands_no_more(heard: Heard)
     assert heard.fleet.devices["garage"].unreadable == 0
 
 
-def test_a_device_that_says_no_severity_is_taken_for_the_worst(heard: Heard) -> None:
-    heard.say("garage/rule/near/state", {"active": True})
-    assert heard.fleet.standing[0].is_serious
-
-
 def test_a_device_is_forgotten_with_its_availability(heard: Heard) -> None:
     heard.online()
     heard.state()
@@ -184,66 +157,6 @@ def test_a_device_is_forgotten_with_its_availability(heard: Heard) -> None:
     assert (heard.fleet.devices, heard.fleet._entry_count) == ({}, 0)
     heard.say("attic/availability", b"")
     assert heard.fleet.devices == {}
-
-
-def test_states_that_did_not_arrive_are_counted_and_a_restart_is_none(heard: Heard) -> None:
-    for sequence in (5, 6, 9, 9, 10, 0, 1, 3):
-        heard.state(seq=sequence)
-    assert heard.fleet.devices["garage"].missed == 2 + 1
-
-
-REVISION = {
-    "v": 1, "device": "stadimeter/garage", "sequence": 7, "phase": "apply", "cohort": "1 of 3", "sha256": "ab",
-    "commit": "1f2e", "reason": "Warn\x1b[2J from 2 m on",
-}  # fmt: skip
-REFUSED = {"revision": REVISION, "status": "refused", "by": "ada", "sentence": "it is bad", "trial": None}
-
-
-def test_what_a_device_says_of_its_configuration_is_shown_with_why_it_runs_another(heard: Heard) -> None:
-    heard.online()
-    heard.say("garage/configuration", {"v": 1, "sha256": "cd", "newest": REFUSED})
-    (record,) = fleet_record(heard.fleet, heard.now_s)["devices"]
-    assert record["why_not"] == "refused: it is bad"
-    assert record["configuration"]["newest"]["revision"]["reason"] == "Warn [2J from 2 m on"
-    report = heard.fleet.devices["garage"].configuration
-    assert report is not None
-    assert not report.runs("ab")
-    applied = {**REFUSED, "status": "applied", "sentence": ""}
-    heard.say("garage/configuration", {"v": 1, "sha256": "cd", "applied": applied, "newest": applied})
-    assert fleet_record(heard.fleet, heard.now_s)["devices"][0]["why_not"] == ""
-    heard.say("garage/configuration", b"")
-    assert heard.fleet.devices["garage"].configuration is None
-    assert heard.fleet.devices["garage"].unreadable == 0
-
-
-@pytest.mark.parametrize(
-    "payload",
-    [b"[" * 15_000, b"{", b'{"newest":{"status":"fine"}}', b'{"newest":7}', b'"x"', b" " * 20_000],
-)
-def test_a_report_that_is_none_is_counted_and_not_shown(heard: Heard, payload: bytes) -> None:
-    heard.online()
-    heard.say("garage/configuration", payload)
-    assert heard.fleet.devices["garage"].configuration is None
-    assert heard.fleet.devices["garage"].unreadable == 1
-
-
-def test_targets_of_the_run_before_are_forgotten(heard: Heard) -> None:
-    heard.state()
-    for boot_id, targets in (("one", 1), ("one", 1), ("two", 0)):
-        heard.say("garage/info", {"version": "0.1.0", "boot_id": boot_id})
-        assert len(heard.fleet.devices["garage"].targets) == targets
-
-
-def test_an_event_that_comes_twice_happened_once(heard: Heard) -> None:
-    for event_id in ("boot-1", "boot-1", "boot-2"):
-        heard.say("garage/event/alarm", {"id": event_id, "event_type": "raised", "rule": "near"})
-    assert [event.id for _, event in heard.events] == ["boot-1", "boot-2"]
-
-
-def test_an_event_that_a_broker_kept_is_none(heard: Heard) -> None:
-    heard.say("garage/event/alarm", {"id": "1", "event_type": "raised", "rule": "near"}, is_retained=True)
-    assert heard.events == []
-    assert heard.fleet.devices["garage"].newest_s is None
 
 
 @pytest.mark.parametrize(
@@ -299,25 +212,6 @@ def test_a_name_below_the_root_can_fill_its_own_room_only(heard: Heard, monkeypa
     for number in range(100):
         heard.online(f"more-{number}/x")
     assert heard.fleet._entry_count == 50
-
-
-@pytest.mark.long
-def test_the_memory_of_a_fleet_that_is_flooded_is_bounded() -> None:
-    heard, figures = Heard(), AlarmFigures(0.0)
-    heard.fleet = Fleet(
-        "stadimeter", lambda device, event: figures.take(0.0, f"{device}/{event.rule}", event.event_type)
-    )
-    tracemalloc.start()
-    for number in range(6_000):
-        heard.rule(f"site-{number % 3}/{number}", f"rule-{number}", reason="\N{SNOWMAN}" * 400, since="x" * 400)
-        heard.say(
-            f"site-{number % 3}/x/event/alarm",
-            {"id": f"{number}" * 50, "event_type": "raised", "rule": f"{number}" * 1000},
-        )
-    used_mb = tracemalloc.get_traced_memory()[0] / 1e6
-    tracemalloc.stop()
-    assert heard.fleet._entry_count <= 2 * 6_000 + 3
-    assert used_mb < 30
 
 
 texts = st.text(max_size=30) | st.sampled_from(["online", "offline", "garage", "near", "ball", "\x1b[2J", "\u202e"])
