@@ -147,39 +147,25 @@ def is_running(port):
         return b'"is_running":true' in b"".join(iter(lambda: connection.recv(65536), b""))
 
 
-WORDS = [b"GET", b"POST", b"PUT", b"DELETE", b"", b"\x00", b"/", b"//", b"%2e%2e/", b"..", b"/static/", b"/api/v1/"]
-WORDS += [
-    b"?image=",
-    b"?at_s=nan",
-    b"?at_s=1e999",
-    b"&width_px=-1",
-    b"%00",
-    b"%ff",
-    b"\xff\xfe",
-    b"'\"<>",
-    b" ",
-    b"{x}",
-]
-LINES = [
-    *(
-        b"Host: localhost",
-        b"Host: evil",
-        b"Host:",
-        b"Origin: null",
-        b"Origin: http://[",
-        b"Range: bytes=9-1",
-        b"X\x00: y",
-    ),
-    *(b"Content-Length: 5", b"Content-Length: -1", b"Content-Length: 99999999999", b"Transfer-Encoding: chunked"),
-    *(b"Expect: 100-continue", b"Range: bytes=9-1"),
-    *(
-        b"Content-Type: application/json",
-        b"Cookie: a=b; \xff=\xfe;;=",
-        b"Cookie: " + b"x" * 4000,
-        b"Expect: 100-continue",
-    ),
-    *(b"Sec-Fetch-Site: same-origin", b"Upgrade: websocket\r\nConnection: upgrade", b"X-Forwarded-Proto: https"),
-]
+WORDS = rb"""GET POST PUT DELETE / // %2e%2e/ .. /static/ /api/v1/ ?image= ?at_s=nan ?at_s=1e999 &width_px=-1
+%00 %ff '"<> {x}"""
+WORDS = [*WORDS.split(), b"", b"\x00", b"\xff\xfe", b" "]
+LINES = rb"""Host: localhost
+Host: evil
+Host:
+Origin: null
+Origin: http://[
+Range: bytes=9-1
+Content-Length: 5
+Content-Length: -1
+Content-Length: 99999999999
+Transfer-Encoding: chunked
+Content-Type: application/json
+Expect: 100-continue
+Sec-Fetch-Site: same-origin
+X-Forwarded-Proto: https""".splitlines()
+LINES += [b"X\x00: y", b"Cookie: a=b; \xff=\xfe;;=", b"Cookie: " + b"x" * 4000]
+LINES += [b"Upgrade: websocket\r\nConnection: upgrade"]
 BODIES = [b"", b"{}", b"[]", b"{", b'{"rule": {}}', b'{"by": 1e999}', b"0\r\n\r\n", b"fffffffff\r\n", b"[" * 3000]
 
 
@@ -237,15 +223,8 @@ def sent(port, text):
 def test_a_message_of_the_run_that_makes_no_sense_ends_its_subscription_and_no_more(tmp_path, monkeypatch):
     monkeypatch.setattr("stadimeter.web.live.RETRY_S", 0)
     chance = random.Random(20)  # noqa: S311
-    said = [
-        b"\n",
-        b"{}\n",
-        b"[]\n",
-        b"null\n",
-        b'{"status":"ok"}\n',
-        b'{"status":"ok","data":[],"bytes":2}\nxx',
-        b"\xff\n",
-    ]
+    said = [b"\n", b"{}\n", b"[]\n", b"null\n", b"\xff\n"]
+    said += [b'{"status":"ok"}\n', b'{"status":"ok","data":[],"bytes":2}\nxx']
     for key in ("run", "events", "samples", "n") * 8:
         value = chance.choice([None, 1, "x", [1], {"a": 1}, {"a": [[None]]}])
         said.append(json.dumps({"status": "ok", "data": {key: value}}).encode() + b"\n")

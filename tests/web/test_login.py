@@ -15,14 +15,8 @@ from support.page import FORM, OPERATE, READ, quicken, served_page
 
 CLOSED = [place for place in PAGE_OPERATIONS if place.right is not Right.OPEN]
 NAMED = {
-    "rule": "far",
-    "output": "motor",
-    "name": "a.mcap",
-    "id": "1",
-    "file": "app.js",
-    "target": "ball",
-    "step": "near",
-}
+    "rule": "far", "output": "motor", "name": "a.mcap", "id": "1", "file": "app.js", "target": "ball", "step": "near",
+}  # fmt: skip
 
 
 def path_of(place):

@@ -5,7 +5,6 @@ import json
 import math
 import re
 import subprocess
-import sys
 import threading
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from stadimeter.core.track import TrackStatus
 from stadimeter.web import page
 from stadimeter.web.metrics import exposition
 from stadimeter.web.passwords import PasswordFile
+from support.command_line import typed
 from support.cycle_records import tracked
 from support.metered_run import metered_run
 from support.page import OPERATE, READ, quicken, served_page
@@ -105,10 +105,10 @@ def test_it_says_what_the_newest_cycle_found(run, site):
     assert found["stadimeter_frame_age_seconds",] == pytest.approx(0.034)
 
 
-@pytest.mark.parametrize("mode", SafetyMode)
-def test_exactly_one_mode_of_safety_is_the_one(run, site, mode):
-    found = fresh(run, site, safety=mode)
-    assert [key[1] for key, value in found.items() if key[0] == "stadimeter_safety_mode" and value] == [mode.value]
+def test_exactly_one_mode_of_safety_is_the_one(run, site):
+    for mode in SafetyMode:
+        found = fresh(run, site, safety=mode)
+        assert [key[1] for key, value in found.items() if key[0] == "stadimeter_safety_mode" and value] == [mode.value]
 
 
 def test_a_rule_that_cannot_be_judged_is_not_called_inactive(run, site):
@@ -130,11 +130,11 @@ def test_a_rule_that_cannot_be_judged_is_not_called_inactive(run, site):
     assert found["stadimeter_rule_inhibited", "held"] == 1
 
 
-@pytest.mark.parametrize("status", [TrackStatus.SEARCHING, TrackStatus.LOST])
-def test_the_last_distance_of_a_target_that_is_out_of_sight_is_none_of_now(run, site, status):
-    found = fresh(run, site, tracks=(tracked(status=status),))
-    assert found["stadimeter_target_status", status.value, "ball"] == 1
-    assert not {"stadimeter_target_distance_meters", "stadimeter_target_closing_meters_per_second"} & names(found)
+def test_the_last_distance_of_a_target_that_is_out_of_sight_is_none_of_now(run, site):
+    for status in (TrackStatus.SEARCHING, TrackStatus.LOST):
+        found = fresh(run, site, tracks=(tracked(status=status),))
+        assert found["stadimeter_target_status", status.value, "ball"] == 1
+        assert not {"stadimeter_target_distance_meters", "stadimeter_target_closing_meters_per_second"} & names(found)
 
 
 @given(value=st.sampled_from([math.nan, math.inf, -math.inf, None]))
@@ -268,16 +268,8 @@ class TestWithAPassword:
         assert site.ask("POST", "/api/v1/outputs/stop", {}, headers).status == 401
 
     def test_another_token_opens_nothing(self, site, token):
-        for wrong in (
-            "",
-            "Bearer",
-            "Bearer ",
-            f"Basic {token}",
-            f"Bearer {token[:-1]}",
-            f"Bearer {token}0",
-            token,
-            "Bearer é",
-        ):
+        broken = (f"Basic {token}", f"Bearer {token[:-1]}", f"Bearer {token}0", token)
+        for wrong in ("", "Bearer", "Bearer ", "Bearer é", *broken):
             assert site.get("/metrics", Authorization=wrong).status == 401, wrong
 
     def test_the_token_is_no_session(self, site, token):
@@ -291,17 +283,12 @@ class TestWithAPassword:
 
     @pytest.mark.long
     def test_the_command_prints_the_token(self, site, token, tmp_path):
-        done = invoked(tmp_path / "page.toml", "--metrics-token")
+        done = typed("web", tmp_path / "page.toml", "--metrics-token")
         assert (done.returncode, done.stdout, done.stderr) == (0, token + "\n", "")
 
 
-def invoked(*words):
-    command = [sys.executable, "-m", "stadimeter", "web", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-
-
 def test_without_a_password_there_is_no_token_to_print(tmp_path):
-    done = invoked(tmp_path / "page.toml", "--metrics-token")
+    done = typed("web", tmp_path / "page.toml", "--metrics-token")
     assert done.returncode == 2
     assert "without a token" in done.stderr
 

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import http.client
+import itertools
 import json
 import os
 import signal
@@ -23,6 +24,7 @@ from stadimeter.web.run_link import RunLink
 from stadimeter.web.run_process import RunProcess
 from stadimeter.web.serving import EVERYWHERE, check_certificate, listen
 from support.browser import ROOM, served
+from support.command_line import typed
 from support.page import OPERATE, quicken, served_page
 from support.processes import children, is_running
 from support.programs import require
@@ -44,6 +46,7 @@ def test_with_a_password_it_listens_everywhere(tmp_path, monkeypatch):
 
 
 def invoked(*words):
+    """Start the page as a process of its own: the command becomes the server."""
     command = [sys.executable, "-m", "stadimeter", "web", *map(str, words)]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
@@ -56,21 +59,22 @@ def test_a_port_in_use_is_a_sentence(tmp_path):
     assert done.stderr == f"error: port {port} is in use by another program; give another one with `--port`\n"
 
 
-def test_an_address_that_is_not_ours_is_a_sentence(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("address", "words"), [("192.0.2.1", "cannot listen there"), ("999.1.1.1", "not known")])
+def test_an_address_that_is_not_ours_is_a_sentence(tmp_path, monkeypatch, address, words):
     quicken(monkeypatch)
     PasswordFile(tmp_path / "room.passwords").set("operate", OPERATE)
-    done = invoked(tmp_path / "room.toml", "--address", "192.0.2.1", "--port", 0)
-    assert (done.returncode, "cannot listen there" in done.stderr) == (2, True)
+    done = invoked(tmp_path / "room.toml", "--address", address, "--port", 0)
+    assert (done.returncode, words in done.stderr) == (2, True)
 
 
 @pytest.mark.parametrize("folder", [".", "/", "tests"])
 def test_a_folder_is_no_configuration(folder):
-    done = invoked(folder)
+    done = typed("web", folder)
     assert (done.returncode, f"{folder} is a folder" in done.stderr) == (2, True)
 
 
 def test_a_configuration_is_named(tmp_path):
-    done = invoked("--password-file", tmp_path / "words")
+    done = typed("web", "--password-file", tmp_path / "words")
     assert (done.returncode, "name the CONFIG" in done.stderr) == (2, True)
 
 
@@ -132,23 +136,21 @@ def test_with_a_certificate_it_serves_https(pairs, tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_it_ends_at_once_also_with_streams_that_are_open(tmp_path, number):
+def test_it_ends_at_once_also_with_streams_that_are_open(tmp_path):
     """A grace of uvicorn's would be cut short only by its time-out; here the streams end by themselves."""
     with served(tmp_path, None, runs=False) as here:
         connection = http.client.HTTPConnection(here.url.removeprefix("http://"), timeout=120)
         connection.request("GET", "/api/v1/live")
         response = connection.getresponse()
         assert b"gone" in response.read(40)
-        here.page.send_signal(number)
+        here.page.send_signal(signal.SIGINT)
         assert here.page.wait(120) == 0
         assert response.read().count(b"gone") <= 1  # and the stream came to its proper end
         connection.close()
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_it_ends_in_silence_while_the_workbench_hangs_and_a_download_is_slow(tmp_path, number, capfd):
+def test_it_ends_in_silence_while_the_workbench_hangs_and_a_download_is_slow(tmp_path, capfd):
     with served(tmp_path, runs=False) as here:
         folder = Path(asked(here, "GET", "/api/v1/recordings")[1]["folder"])
         folder.mkdir(exist_ok=True)
@@ -160,7 +162,7 @@ def test_it_ends_in_silence_while_the_workbench_hangs_and_a_download_is_slow(tmp
         os.kill(workbench, signal.SIGSTOP)
         hanging = asking(here, "/api/v1/configuration")
         assert asked(here, "GET", "/api/v1/session")[0] == 200  # which came after it: the page has that one, too
-        here.page.send_signal(number)
+        here.page.send_signal(signal.SIGTERM)
         answer = hanging.getresponse()
         assert (answer.status, json.loads(answer.read())["error"]["code"]) == (503, "page-ends")
         assert here.page.wait(120) == 0
@@ -295,26 +297,25 @@ def test_only_what_systemd_itself_has_started_leaves_the_run_to_it(tmp_path, env
     assert RunProcess(link, environment).may_start == may_start
 
 
-@pytest.fixture
-def hurried(monkeypatch):
+def all_received(connection):
+    """Return what comes over a connection until its end."""
+    received = b""
+    with contextlib.suppress(ConnectionResetError):
+        while more := connection.recv(65536):
+            received += more
+    return received
+
+
+LOGIN = b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n"
+
+
+def test_a_connection_that_asks_nothing_is_ended(tmp_path, monkeypatch):
     monkeypatch.setattr(serving, "IDLE_MAX_S", 0.2)
-
-
-@pytest.mark.parametrize(
-    "said",
-    [b"", b"GET / HTTP/1.1\r\nHost: local", b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n"],
-    ids=["nothing", "half a request", "one request and nothing more"],
-)
-def test_a_connection_that_asks_nothing_is_ended(tmp_path, hurried, said):
-    with served_page(tmp_path) as site, socket.create_connection(("127.0.0.1", site.port), timeout=120) as connection:
-        connection.sendall(said)
-        received = b""
-        try:
-            while more := connection.recv(65536):
-                received += more
-        except ConnectionResetError:
-            pass
-        assert received.startswith(b"HTTP/1.1 200") == said.endswith(b"\r\n\r\n")
+    with served_page(tmp_path) as site:
+        for said in (b"", b"GET / HTTP/1.1\r\nHost: local", LOGIN):
+            with socket.create_connection(("127.0.0.1", site.port), timeout=120) as connection:
+                connection.sendall(said)
+                assert all_received(connection).startswith(b"HTTP/1.1 200") == (said == LOGIN)
 
 
 def head(size, filler=b"x"):
@@ -323,21 +324,15 @@ def head(size, filler=b"x"):
     return begin + filler * (size - len(begin) - len(end)) + end
 
 
-@pytest.mark.parametrize("filler", [b"x", b" "])
-@pytest.mark.parametrize("before", [b"", head(100)], ids=["at once", "behind another"])
-@pytest.mark.parametrize(
-    ("size", "is_taken"), [(serving.HEADERS_MAX_BYTES, True), (serving.HEADERS_MAX_BYTES + 1, False)]
-)
-def test_a_head_of_a_request_has_a_bound_also_if_it_comes_whole(tmp_path, filler, before, size, is_taken):
-    with served_page(tmp_path) as site, socket.create_connection(("127.0.0.1", site.port), timeout=120) as connection:
-        connection.sendall(before + head(size, filler))
-        connection.shutdown(socket.SHUT_WR)
-        received = b""
-        with contextlib.suppress(ConnectionResetError):
-            while more := connection.recv(65536):
-                received += more
-        assert received.count(b"HTTP/1.1 200") == bool(before) + is_taken
-        assert received.count(b"HTTP/1.1 4") == (not is_taken)
+def test_a_head_of_a_request_has_a_bound_also_if_it_comes_whole(tmp_path):
+    with served_page(tmp_path) as site:
+        for filler, before, over in itertools.product((b"x", b" "), (b"", head(100)), (0, 1)):
+            with socket.create_connection(("127.0.0.1", site.port), timeout=120) as connection:
+                connection.sendall(before + head(serving.HEADERS_MAX_BYTES + over, filler))
+                connection.shutdown(socket.SHUT_WR)
+                received = all_received(connection)
+            assert received.count(b"HTTP/1.1 200") == bool(before) + (not over), (filler, before)
+            assert received.count(b"HTTP/1.1 4") == over, (filler, before)
 
 
 def test_a_head_of_a_request_has_a_bound_while_it_comes(tmp_path):
@@ -351,7 +346,7 @@ def test_no_more_are_connected_than_there_is_room_for(tmp_path, monkeypatch):
     with served_page(tmp_path) as site:
         held = [socket.create_connection(("127.0.0.1", site.port), timeout=120) for _ in range(3)]
         for each in held:
-            each.sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            each.sendall(LOGIN)
             assert each.recv(1000).startswith(b"HTTP/1.1 200")
         with socket.create_connection(("127.0.0.1", site.port), timeout=120) as fourth:
             assert ended(fourth)
@@ -368,13 +363,13 @@ def connected_from(address, port):
 def test_an_address_that_takes_all_room_keeps_no_other_out(tmp_path):
     with served_page(tmp_path) as site, contextlib.ExitStack() as held:
         crowd = [held.enter_context(connected_from("127.0.0.1", site.port)) for _ in range(300)]
-        crowd[0].sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        crowd[0].sendall(LOGIN)
         assert crowd[0].recv(1000).startswith(b"HTTP/1.1 200")
         for number in range(20):
             other = held.enter_context(connected_from(f"127.0.0.{2 + number % 4}", site.port))
-            other.sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            other.sendall(LOGIN)
             assert other.recv(1000).startswith(b"HTTP/1.1 200")
-        crowd[0].sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        crowd[0].sendall(LOGIN)
         assert crowd[0].recv(1000)  # the oldest of the crowd still is there
 
 
@@ -386,20 +381,21 @@ def test_room_is_shared_by_addresses(tmp_path, monkeypatch):
         assert [ended(each) for each in greedy[3:]] == [True] * 3
         assert ended(held.enter_context(connected_from("127.0.0.2", site.port)))  # they hold as many as the other
         for each in (*greedy[:3], *others):
-            each.sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            each.sendall(LOGIN)
             assert each.recv(1000).startswith(b"HTTP/1.1 200")
 
 
 @pytest.mark.long
-def test_who_comes_for_tls_and_says_nothing_keeps_no_other_address_out(pairs, tmp_path):
+def test_who_comes_for_tls_and_says_nothing_takes_no_more_room_and_keeps_no_other_address_out(pairs, tmp_path):
     options = ("--certificate", str(pairs / "one.pem"), "--key", str(pairs / "one.key"))
     with served(tmp_path, None, *options, runs=False) as here, contextlib.ExitStack() as held:
         port = int(here.url.rpartition(":")[2])
         for _ in range(serving.CONNECTIONS_MAX):
             held.enter_context(connected_from("127.0.0.1", port))
+        assert ended(held.enter_context(connected_from("127.0.0.1", port)))
         context = ssl.create_default_context(cafile=pairs / "one.pem")
         with context.wrap_socket(connected_from("127.0.0.2", port), server_hostname="localhost") as other:
-            other.sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            other.sendall(LOGIN)
             assert other.recv(1000).startswith(b"HTTP/1.1 200")
 
 
@@ -412,5 +408,5 @@ def ended(connection):
 
 def is_let_in(port):
     with socket.create_connection(("127.0.0.1", port), timeout=120) as trial:
-        trial.sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        trial.sendall(LOGIN)
         return not ended(trial)
