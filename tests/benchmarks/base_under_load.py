@@ -3,10 +3,6 @@
 ::
 
     python tests/benchmarks/base_under_load.py --runs 20 --seconds 60 --at-once 2
-    python tests/benchmarks/base_under_load.py --rate --runs 10 --seconds 40
-
-The first counts false faults, the second how often a command reaches the base while each frame is hard work: three real
-detectors look for what is not there, in noise of 1280 x 720.
 
 ``stadimeter run`` has a live camera and a detector that always see a ball 2 m away, so it drives all the time. The
 base is the emulated firmware in a process of its own, behind a pseudo-terminal. There is nothing wrong with it, so each
@@ -49,30 +45,9 @@ PATIENCE_S = 40.0
 CORES_BUSY = 2
 DEFECT = Path(os.environ.get("RIG_FOLDER", ".")) / "defect"
 WIDTH_PX, HEIGHT_PX = 64, 48
-HARD_WORK = """
-[safety]
-max_frame_age = "1 s"            # a busy computer is late now and then: no stop shall hide how often commands go
-
-[targets.orange]
-detector = "ball"
-diameter = "6.4 cm"
-hsv = "5,120,120:15,255,255"
-
-[targets.tag]
-detector = "tag"
-family = "apriltag-36h11"
-id = 3
-side = "10 cm"
-
-[targets.paper]
-detector = "sheet"
-size = "A4"
-"""
-
 CONFIGURATION = """
 [camera]
 driver = "steady"
-hard = {hard}
 
 [camera.model]
 width_px = 64
@@ -91,7 +66,6 @@ port = "{port}"
 wheel_diameter = "65 mm"
 ticks_per_turn = 1440
 track_width = "16 cm"
-{lease}
 
 [rules.follow]
 target = "ball"
@@ -106,13 +80,6 @@ steady = base_under_load:SteadyDetectorOptions
 """
 
 
-def _scene(noise: np.ndarray) -> np.ndarray:
-    """Return shapes of all colours, some pixels large, from noise."""
-    import cv2
-
-    return np.clip(cv2.GaussianBlur(noise, (0, 0), 30), 0, 255).astype(np.uint8)
-
-
 class SteadyCamera:
     """A live camera of 30 frames a second, whose picture always changes."""
 
@@ -120,12 +87,9 @@ class SteadyCamera:
     remarks = ()
     not_for_motion = ""
 
-    def __init__(self, scale: int) -> None:
+    def __init__(self) -> None:
         self._closed = threading.Event()
-        shape = (HEIGHT_PX * scale, WIDTH_PX * scale, 3)
         self._noise = np.random.default_rng(1)
-        self._large = _scene(self._noise.normal(128, 2500, shape)) if scale > 1 else None
-        self._shape = shape
         self._count = 0
 
     def open(self) -> None:
@@ -135,10 +99,7 @@ class SteadyCamera:
         if self._closed.wait(FRAME_S):
             raise DeviceClosedError("closed")
         self._count += 1
-        if self._large is None:
-            image = self._noise.integers(0, 256, self._shape, np.uint8)  # no picture comes again
-        else:
-            image = np.roll(self._large, 37 * self._count, axis=1)
+        image = self._noise.integers(0, 256, (HEIGHT_PX, WIDTH_PX, 3), np.uint8)  # no picture comes again
         return Frame(image=image, captured_at_s=time.monotonic(), sequence=self._count)
 
     def close(self) -> None:
@@ -153,27 +114,24 @@ class SteadyDetector:
     def detect(self, frame: Frame, prediction: object = None, *, lens: object = None) -> Detection:
         if DEFECT.exists():
             raise RuntimeError("a defect, as staged")
-        angles, scale = np.arange(60.0), frame.image.shape[1] / WIDTH_PX
-        centre_px = (scale * 32 - 0.5, scale * 24 - 0.5)
+        angles, centre_px = np.arange(60.0), (31.5, 23.5)
         return Detection(
             target="ball",
             status=DetectionStatus.FOUND,
             centre_px=centre_px,
-            width_px=6.0 * scale,
-            height_px=6.0 * scale,
+            width_px=6.0,
+            height_px=6.0,
             size_sigma_px=0.05,
-            outline_px=np.array(centre_px) + 3 * scale * np.stack((np.cos(angles), np.sin(angles)), axis=1),
+            outline_px=np.array(centre_px) + 3 * np.stack((np.cos(angles), np.sin(angles)), axis=1),
         )
 
 
 class SteadyCameraOptions(DriverOptions):
-    """Whether its pictures are hard work."""
-
-    hard: bool = False
+    """No options."""
 
     def build(self, context: DriverContext) -> SteadyCamera:
         """Return the camera."""
-        return SteadyCamera(10 if self.hard else 1)
+        return SteadyCamera()
 
 
 class SteadyDetectorOptions(DriverOptions):
@@ -182,19 +140,6 @@ class SteadyDetectorOptions(DriverOptions):
     def build(self, context: DriverContext) -> SteadyDetector:
         """Return the detector."""
         return SteadyDetector()
-
-
-class _CountedCommands(RosArduinoFirmware):
-    """The board, which notes when a command to drive came."""
-
-    def __init__(self, started_s: float) -> None:
-        self.commanded_s: list[float] = []
-        super().__init__(started_s)
-
-    def _set_motor_speeds(self, left: int, right: int) -> bytes:
-        if left or right:
-            self.commanded_s.append(time.monotonic())
-        return super()._set_motor_speeds(left, right)
 
 
 class _Board(Struct):
@@ -209,7 +154,7 @@ class _Board(Struct):
     def serve(self) -> None:
         with suppress(PermissionError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
-        firmware = _CountedCommands(started_s=time.monotonic())
+        firmware = RosArduinoFirmware(started_s=time.monotonic())
         port = EmulatedPort(firmware, MonotonicClock(), lambda: self.plugged, lambda: self._measure(firmware))
         print(port.path, flush=True)
         for line in sys.stdin:
@@ -223,8 +168,6 @@ class _Board(Struct):
                 case "do not read":
                     port.is_read = False
                     _fill(port.path)
-                case "commands":
-                    print(json.dumps(firmware.commanded_s), flush=True)
                 case "report":
                     driven_mps = firmware.left.driven_mps
                     report = {"pause_s": self.longest_pause_s, "driven_mps": driven_mps}
@@ -264,15 +207,13 @@ class Rig:
         seconds: How long the program runs.
         is_port_real: Whether it gets the pseudo-terminal itself and not a link to it, which stays when the cable is
             pulled. Only a device is stopped by the watchdog process.
-        is_work_hard: Whether three real detectors look for what is not there, in large pictures.
 
     Attributes:
         lines: What the program says, a line each.
     """
 
-    def __init__(self, seconds: float, *, is_port_real: bool = False, is_work_hard: bool = False) -> None:
+    def __init__(self, seconds: float, *, is_port_real: bool = False) -> None:
         self._is_port_real = is_port_real
-        self._is_work_hard = is_work_hard
         self.lines: queue.Queue[str] = queue.Queue()
         self.said: list[str] = []
         self._seconds = seconds
@@ -342,17 +283,8 @@ class Rig:
         self._cleaning.callback(process.kill)
         return process
 
-    def commands_s(self) -> list[float]:
-        """Return when each command to drive came to the board."""
-        self.tell_board("commands")
-        times_s: list[float] = json.loads(self._answer())
-        return times_s
-
     def _write_configuration(self, folder: Path, port: str) -> None:
-        text = CONFIGURATION.format(
-            port=port, hard=str(self._is_work_hard).lower(), lease='lease = "1 s"' * self._is_work_hard
-        )
-        (folder / "run.toml").write_text(text + HARD_WORK * self._is_work_hard)
+        (folder / "run.toml").write_text(CONFIGURATION.format(port=port))
         (folder / "rig-0.dist-info").mkdir()
         (folder / "rig-0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: rig\nVersion: 0\n")
         (folder / "rig-0.dist-info" / "entry_points.txt").write_text(ENTRY_POINTS)
@@ -395,55 +327,15 @@ def healthy_run(seconds: float) -> Outcome:
         return Outcome(faults=rig.faults(), drove=driven_mps > 0, board_pause_s=rig.board()["pause_s"])
 
 
-class Rate(Struct, frozen=True, kw_only=True):
-    """How often a command reached the base while each frame was hard work."""
-
-    a_second: float
-    median_pause_s: float
-    p95_pause_s: float
-    longest_pause_s: float
-    cycles: str
-
-
-def command_rate(seconds: float) -> Rate:
-    """Drive under hard work, and count what arrives."""
-    with Rig(seconds, is_work_hard=True) as rig:
-        rig.wait_for("base 0.3")
-        rig.program.wait(seconds + PATIENCE_S)
-        times_s = rig.commands_s()
-        cycles = rig.wait_for("Cycle time").strip()
-    pauses_s = np.diff(times_s)
-    median_s, p95_s, longest_s = np.percentile(pauses_s, (50, 95, 100))
-    return Rate(
-        a_second=1 / float(pauses_s.mean()),
-        median_pause_s=float(median_s),
-        p95_pause_s=float(p95_s),
-        longest_pause_s=float(longest_s),
-        cycles=cycles,
-    )
-
-
-def print_rates(seconds: float, runs: int) -> None:
-    for _ in range(runs):
-        rate = command_rate(seconds)
-        pauses_ms = (1e3 * each for each in (rate.median_pause_s, rate.p95_pause_s, rate.longest_pause_s))
-        words = " / ".join(f"{each:.0f}" for each in pauses_ms)
-        print(f"{rate.a_second:.1f} commands a second; pauses, median / p95 / worst: {words} ms. {rate.cycles}")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
     parser.add_argument("--board", action="store_true", help="be the board")
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--rate", action="store_true", help="count commands under hard work in place of false faults")
     parser.add_argument("--at-once", type=int, default=1, help="how many runs go on at the same time")
     arguments = parser.parse_args()
     if arguments.board:
         _Board().serve()
-        return
-    if arguments.rate:
-        print_rates(arguments.seconds, arguments.runs)
         return
     with busy_cores(), ThreadPoolExecutor(arguments.at_once) as pool:
         outcomes = list(pool.map(healthy_run, [arguments.seconds] * arguments.runs))

@@ -1,7 +1,7 @@
 """How well a base follows a ball, through the whole program in a simulated world. Run it for the tables of the page.
 
 `--walks N` makes N random walks of 5 min instead, each in about 6 s; `--paths N` lets N balls swing and sway in
-different ways; `--plot FILE` draws the gap against time.
+different ways.
 """
 
 from __future__ import annotations
@@ -50,33 +50,6 @@ def row(folder: Path, base: str, latency_ms: float) -> str:
     )
 
 
-MOTIONS = (
-    ("a step of 0.5 m", 12.0, stands(1.5)),
-    ("a ball that walks away at 0.3 m/s", 15.0, walks_away),
-    ("to and fro at up to 0.5 m/s, swaying", 35.0, sways),
-)
-
-
-def plot(folder: Path, path: Path) -> None:
-    """Draw the gap against time behind each motion, for the emulated base with both latencies."""
-    from plots import plt
-
-    figure, rows = plt.subplots(len(MOTIONS), 1, figsize=(8, 6.5), layout="constrained")
-    for axes, (title, seconds, motion) in zip(rows, MOTIONS, strict=True):
-        for latency_ms, colour in zip(LATENCIES_MS, ("#0b6e4f", "#c8553d"), strict=True):
-            moments = follow(folder, seconds, motion, base="emulated", latency_ms=latency_ms)
-            axes.plot([each.at_s for each in moments], [each.gap_m for each in moments], color=colour, linewidth=1.3)
-            axes.plot([], [], color=colour, label=f"pictures {latency_ms} ms old")
-        axes.axhspan(0.9, 1.1, color="#0b6e4f", alpha=0.12, linewidth=0)
-        axes.set_title(title, loc="left", fontsize=10)
-        axes.set_ylabel("gap, m")
-        axes.spines[["top", "right"]].set_visible(False)
-    rows[0].legend(frameon=False)
-    rows[-1].set_xlabel("time, s")
-    figure.savefig(path, metadata={"Date": None})
-    plt.close(figure)
-
-
 def print_paths(folder: Path, paths: int) -> None:
     """Print how the gap errs beside balls that swing and sway in different ways."""
     for base, latency_ms in product(BASES, LATENCIES_MS):
@@ -118,13 +91,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--walks", type=int, default=0)
     parser.add_argument("--paths", type=int, default=0)
-    parser.add_argument("--plot", type=Path)
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        if arguments.plot is not None:
-            plot(folder, arguments.plot)
-        elif arguments.paths:
+        if arguments.paths:
             print_paths(folder, arguments.paths)
         elif arguments.walks:
             print_walks(folder, arguments.walks)

@@ -1,9 +1,12 @@
-"""One row of the table of goals."""
+"""The rows of a table of goals, and the files that state them."""
 
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
 
 from msgspec import Struct
 
@@ -37,26 +40,24 @@ class Goal(Struct, frozen=True):
         return self.what, self.reach, reached, "yes" if held else "**no**"
 
 
-def at_least(what: str, reach: str, show: Show, limits: Mapping[str, float]) -> Goal:
-    """Return a goal whose figures are to be as great as this, or greater."""
-    return Goal(what, reach, show, {name: (limit, math.inf) for name, limit in limits.items()})
+def goals_of(name: str) -> dict[str, tuple[Goal, ...]]:
+    """Return the goals that a file of this folder states, by group. `goals.toml` says how they are written."""
+    groups = tomllib.loads(Path(__file__).with_name(name).read_text(encoding="utf-8"))
+    return {group: tuple(_goal(**row) for row in rows) for group, rows in groups.items()}
 
 
-def at_most(what: str, reach: str, show: Show, limits: Mapping[str, float]) -> Goal:
-    """Return a goal whose figures are to be as small as this, or smaller."""
-    return Goal(what, reach, show, {name: (-math.inf, limit) for name, limit in limits.items()})
+def _goal(what: str, reach: str, show: str = "percent", **bounds: dict[str, Any]) -> Goal:
+    limits = {figure: (-math.inf, limit) for figure, limit in bounds.get("most", {}).items()}
+    limits |= {figure: (limit, math.inf) for figure, limit in bounds.get("least", {}).items()}
+    limits |= {figure: (least, most) for figure, (least, most) in bounds.get("between", {}).items()}
+    return Goal(what, reach, _show(show), limits)
 
 
-def percent(value: float) -> str:
-    """Write a share."""
-    return f"{100 * value:.2f} %"
-
-
-def times(value: float) -> str:
-    """Write a factor."""
-    return f"{value:.1f} ×"
-
-
-def plain(digits: int, unit: str = "") -> Show:
-    """Return how to write a figure with so many digits after the point, and its unit."""
-    return lambda value: f"{value:.{digits}f}{unit and ' '}{unit}"
+def _show(words: str) -> Show:
+    """Return how to write a figure: as a share, as a factor, or with so many digits after the point and a unit."""
+    if words == "percent":
+        return lambda value: f"{100 * value:.2f} %"
+    if words == "times":
+        return lambda value: f"{value:.1f} ×"
+    digits, _, unit = words.partition(" ")
+    return lambda value: f"{value:.{int(digits)}f} {unit}".rstrip()

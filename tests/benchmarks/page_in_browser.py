@@ -1,17 +1,15 @@
 """What the page costs in a real browser: from a frame to the screen, to the first picture, what is loaded and kept.
 
-``python tests/benchmarks/page_in_browser.py`` prints the rows of docs/benchmarks/web.md, from the simulated camera at
-640×480 and 30 Hz, its run, its page and a Chromium without a window, all on one computer.
+`tests/web/test_figures.py` measures with it: the simulated camera at 640×480 and 30 Hz, its run, its page and a Chromium
+without a window, all on one computer.
 """
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
-from statistics import median, quantiles
+from statistics import quantiles
 from typing import Any
 
-from support.browser import chromium, served, tab, until
+from support.browser import until
 
 VIEWS = ("live", "timeline", "setup", "edit", "recordings", "alarms")
 
@@ -81,31 +79,6 @@ def old_after_ms(page: Any) -> float:
     return float(until(page, "window.oldAfter"))
 
 
-def main() -> None:
-    """Measure, and print the rows."""
-    with tempfile.TemporaryDirectory() as folder, chromium() as browser, served(Path(folder)) as here:
-        with tab(browser) as page:
-            page.goto(f"{here.url}/#live")
-            delays = delays_ms(page, 30)
-            before = kept(page)
-            page.wait_for_timeout(60_000)
-            after = kept(page)
-            old_ms = old_after_ms(page)
-        with tab(browser) as page:
-            first_ms = [first_picture_ms(page, here.url) for _ in range(5)]
-            loaded = loaded_bytes(page, here.url)
-    print(f"| frame to screen, {len(delays)} frames | median {median(delays):.0f} ms, p95 {p95(delays):.0f} ms |")
-    print(f"| address to first picture, 5 times | median {median(first_ms):.0f} ms, longest {max(first_ms):.0f} ms |")
-    print(f"| all that the page loads, uncompressed | {loaded / 1000:.0f} kB |")
-    print(f"| a frozen picture is marked as old after | {old_ms:.0f} ms |")
-    grown = (after[0] - before[0]) / 1000
-    print(f"| a tab that watches: heap, and growth in a minute | {after[0] / 1e6:.1f} MB, {grown:+.0f} kB |")
-
-
 def p95(values: list[float]) -> float:
     """Return the 95th percentile."""
     return quantiles(values, n=20)[-1]
-
-
-if __name__ == "__main__":
-    main()

@@ -6,7 +6,6 @@ import math
 from pathlib import Path
 
 import matplotlib as mpl
-import numpy as np
 from part import Chart
 
 mpl.use("Agg")
@@ -68,18 +67,3 @@ def draw_chart(chart: Chart, folder: Path) -> Path:
 
 def _can_be_shown(value: float, chart: Chart) -> bool:
     return math.isfinite(value) and (value > 0 or not chart.is_logarithmic)
-
-
-def draw_times(times_s: dict[str, list[float]], path: Path) -> None:
-    """Draw each of many times as a dot, in a row for each name."""
-    figure, axes = plt.subplots(figsize=(8, 4.5), layout="constrained")
-    rng = np.random.default_rng(1)
-    for row, each in enumerate(times_s.values()):
-        axes.plot([1e3 * time_s for time_s in each], row + rng.uniform(-0.2, 0.2, len(each)), ".", markersize=3)
-    axes.set_yticks(range(len(times_s)), list(times_s))
-    axes.invert_yaxis()
-    axes.set_xscale("log")
-    axes.set_xlabel("milliseconds")
-    axes.grid(axis="x", which="both", alpha=0.3)
-    figure.savefig(path, metadata={"Date": None})
-    plt.close(figure)

@@ -16,66 +16,14 @@ import false_raises
 import following
 import numpy as np
 import rule_policies
-from goal import Facts, Goal, at_most, percent, plain
+from goal import Facts, goals_of
 from part import Part, commit, table
 
 from support.scenes import draw
 
 OUT = Path(__file__).resolve().parents[2] / "docs" / "benchmarks" / "rules.md"
 
-
-HELD = {"68 %": (0.63, 0.74), "90 %": (0.86, 0.94)}
-"""Of the true distances, these intervals are to hold such a share."""
-
-GOALS = (
-    at_most(
-        "hovering at the limit, 2 m / 8 m: raised or cleared a minute",
-        "≤ 1.0 both",
-        plain(2),
-        {"rules hover 2 m": 1.0, "rules hover 8 m": 1.0},
-    ),
-    at_most(
-        "standing 3 σ behind it: raised for nothing, a minute",
-        "≤ 0.05 both",
-        plain(3),
-        {"rules false 2 m": 0.05, "rules false 8 m": 0.05},
-    ),
-    at_most(
-        "the same over 200 minutes at 8 m: white / correlated / heavy tails / outliers",
-        "≤ 0.05 each",
-        plain(3),
-        {f"rules raises {kind}": 0.05 for kind in false_raises.JUDGED},
-    ),
-    at_most(
-        "upper end of the 95 % interval of that",
-        "≤ 0.1 each",
-        plain(3),
-        {f"rules raises at most {kind}": 0.1 for kind in false_raises.JUDGED},
-    ),
-    *(
-        Goal(
-            f"resting, walking, coming, swaying at {at_m:g} m: {of} interval holds",
-            f"{100 * least:.0f}–{100 * most:.0f} % each",
-            percent,
-            {f"follow {way} {at_m:g} m {of}": (least, most) for way in following.WAYS},
-        )
-        for at_m in following.AT_M
-        for of, (least, most) in HELD.items()
-    ),
-    at_most(
-        "a leap, 10 / 15 frames a second: how late",
-        "≤ 0.2 s",
-        plain(3, "s"),
-        {"leap late 10 Hz": 0.2, "leap late 15 Hz": 0.2},
-    ),
-    at_most(
-        "coming at 2 m/s: how late, on average",
-        "≤ 0.1 s both",
-        plain(3, "s"),
-        {"rules late 2 m": 0.1, "rules late 8 m": 0.1},
-    ),
-)
-
+GOALS = goals_of("goals_of_rules.toml")["rules"]
 
 JOBS: dict[str, Callable[[], Part]] = {
     "policies": lambda: rule_policies.run(rule_policies.RUNS, draw.REPORT_SEEDS.start),

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import ours
-from goals import UNKNOWN
 from msgspec.structs import replace
 from part import Part, table
 from samples import OURS, Sample, grouped, rate, summarise
@@ -34,7 +33,7 @@ from support.scenes.target import Target
 
 STARTS_M, WAYS_M = (1.0, 2.0, 4.0), (0.2, 0.5, 1.0)
 GOAL_START_M, GOAL_WAY_M = 2.0, 0.5
-KINDS = UNKNOWN
+KINDS = ("ball", "disc", "sheet", "tag")
 TABLED = "ball"
 """The kind that is measured over all starts and ways; the others at the goal's."""
 

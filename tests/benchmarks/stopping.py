@@ -2,7 +2,7 @@
 
 ::
 
-    python tests/benchmarks/stopping.py --runs 100 --page docs/benchmarks/stopping.md
+    python tests/benchmarks/stopping.py --runs 100
 
 ``stadimeter run`` drives the emulated base of `base_under_load`, each in a process of its own: a real pseudo-terminal
 lies between them. At a random moment something happens, and the time from there to the first service of the board in
@@ -15,12 +15,8 @@ from __future__ import annotations
 import argparse
 import os
 import random
-import re
 import signal
 import statistics
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -28,10 +24,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from base_under_load import Rig
-
-from stadimeter.bases.differential_drive import WheelSpeeds
-from stadimeter.bases.serial_base import SerialBaseOptions
-from stadimeter.config.loader import load_configuration
 
 PATIENCE_S = 6.0
 RUN_S = 60.0
@@ -135,62 +127,11 @@ def table(results: dict[str, list[float]]) -> str:
     return "\n".join(lines)
 
 
-def page(results: dict[str, list[float]], costs: dict[str, float]) -> str:
-    commit = subprocess.run(["git", "rev-parse", "--short=8", "HEAD"], capture_output=True, text=True, check=True)
-    load = os.getloadavg()[0]
-    words = ", ".join(f"`{name}` {cost_us:.1f} µs" for name, cost_us in costs.items())
-    return f"""# How soon a robot stands
-
-[What happens when](../safety.md) says why. Measured by `tests/benchmarks/stopping.py` (`make bench-stopping`) at commit
-{commit.stdout.strip()} (Python {sys.version.split()[0]}, {os.cpu_count()} cores, load {load:.1f} at the end).
-
-The real program drives an emulated `ros-arduino-bridge` at 0.3 m/s, over a real pseudo-terminal: program, watchdog
-process and board are three processes. The times are from the event until the board's motors are driven no more; the
-board is looked at every 10 ms. Its wheels then run down, to a third of their speed in 0.1 s. *Noticed* is until the
-program reports the base's fault.
-
-{table(results)}
-
-While the cable is out nothing reaches a base: it stands by its own time-out, 2 s for this sketch as it comes, or what
-`AUTO_STOP_INTERVAL` was set to. The same holds when both processes are killed at one moment. A base without a time-out
-of its own drives on then: `stadimeter check` names it.
-
-![Time to stand of every run, one dot each, by event](stopping.svg)
-
-## Cost of a command
-
-Making the bytes of a command, median of 20,000: {words}.
-"""
-
-
-def encoding_costs_us() -> dict[str, float]:
-    """Return how long each base on a serial port takes to make the bytes of a command, by its driver."""
-    text = (Path(__file__).parents[2] / "config" / "follow-ball.toml").read_text()
-    costs_us = {}
-    for name in re.findall(r"^\[base\.([\w-]+)\]", text, re.MULTILINE):
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "robot.toml"
-            path.write_text(text.replace('driver = "gpio-motors"', f'driver = "{name}"'))
-            options = load_configuration(path).base.options
-        if not isinstance(options, SerialBaseOptions):
-            continue
-        codec, speeds = options.codec(), [WheelSpeeds(left_mps=0.001 * n, right_mps=-0.002 * n) for n in range(100)]
-        times_s = []
-        for _ in range(200):
-            begun_s = time.perf_counter()
-            for each in speeds:
-                codec.encode(each)
-            times_s.append((time.perf_counter() - begun_s) / len(speeds))
-        costs_us[name] = 1e6 * statistics.median(times_s)
-    return costs_us
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
     parser.add_argument("--runs", type=int, default=100)
     parser.add_argument("--jobs", type=int, default=1, help="how many runs go on at the same time")
     parser.add_argument("--only", default="", help="the events whose name holds this")
-    parser.add_argument("--page", type=Path, help="where to write the page")
     arguments = parser.parse_args()
     for number in (signal.SIGINT, signal.SIGQUIT):  # a shell's background ignores them, and a program inherits that
         signal.signal(number, signal.SIG_DFL)
@@ -203,11 +144,6 @@ def main() -> None:
     with ThreadPoolExecutor(arguments.jobs) as pool:  # in turn, so that what else the machine does falls on all of them
         list(pool.map(measure, list(results) * arguments.runs))
     print(table(results))
-    if arguments.page is not None:
-        arguments.page.write_text(page(results, encoding_costs_us()))
-        from plots import draw_times  # without a page, matplotlib is not needed
-
-        draw_times(results, arguments.page.with_suffix(".svg"))
 
 
 if __name__ == "__main__":

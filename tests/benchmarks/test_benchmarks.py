@@ -61,11 +61,11 @@ def test_a_short_run_writes_a_report_with_every_trouble_and_every_goal(tmp_path)
 
 @pytest.mark.long
 def test_flat_things_as_they_are_met_have_figures_for_each_of_their_goals() -> None:
-    from goals import HARD
+    from goals import GROUPS
 
     printed = run_benchmarks("--only", "hard flats", "--frames", "1")
     measured = [line for line in printed.splitlines() if "not measured" not in line]
-    of_cut = [goal for goal in HARD if all(name.startswith("hard flat cut") for name in goal.limits)]
+    of_cut = [goal for goal in GROUPS["hard"] if all(name.startswith("hard flat cut") for name in goal.limits)]
     assert len(of_cut) == 2
     for goal in of_cut:
         assert any(f"| {goal.what} |" in line for line in measured), goal.what

@@ -47,12 +47,12 @@ def _far(target):
 
 
 def test_facts_have_the_names_of_the_goals(rig) -> None:
-    from goals import STEREO
+    from goals import GROUPS
     from samples import Sample
     from stereo import TARGETS, WAYS, _facts
 
     sample = Sample(row="", method="", seed=1, apparent_px=30.0, true_m=2.0, measured_m=2.01, sigma_m=0.02)
     facts = _facts([replace(sample, row=name, method=way) for name in TARGETS for way in WAYS])
-    assert {name for goal in STEREO for name in goal.limits} <= facts.keys()
+    assert {name for goal in GROUPS["stereo"] for name in goal.limits} <= facts.keys()
     assert facts["stereo ball together median"] == pytest.approx(0.005)
     assert not math.isnan(facts["stereo sheet joined held"])

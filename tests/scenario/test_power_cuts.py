@@ -53,9 +53,6 @@ def test_a_save_that_is_cut_anywhere_leaves_what_a_step_before_or_after_had_left
     saving = SAVINGS[name]
     folder = prepared(saving, tmp_path / "whole")
     steps = [found(saving, folder)]
-    if saving.halfway is not None:
-        saving.halfway(half := prepared(saving, tmp_path / "half"))
-        steps.append(found(saving, half))
     steps += [found(saving, folder) for _ in saving.save(folder)]
     calls = apart(savers.calls_of(name, prepared(saving, tmp_path / "traced")))
     reached = []

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from itertools import count
 from pathlib import Path
 
-import cv2
 import mcap.writer  # noqa: F401 - before the processes that save are forked
 import numpy as np
 from msgspec import Struct
@@ -21,7 +20,6 @@ from stadimeter.app.recordings.recorded_configuration import RecordedConfigurati
 from stadimeter.app.recordings.recorder import Writer
 from stadimeter.app.recordings.recording import Recorded, RecordingWriter
 from stadimeter.config.camera_file import camera_file_text, load_camera_model, save_camera_model
-from stadimeter.config.loader import load_configuration
 from stadimeter.core.alarms.machine import AlarmRecord
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.conditions.distance import DistanceCondition
@@ -32,9 +30,7 @@ from stadimeter.core.persistence import AlarmSnapshot
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import JournalError
-from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.replay.replay import read_recording
-from stadimeter.workbench.setup.interview import ANSWERS, load_answers, save_answers, write_files
 from support.observing import Rehearsal
 
 LENS = CameraModel.with_focal_length(600.0, 640, 480)
@@ -66,14 +62,12 @@ class Saving(Struct, frozen=True):
     Attributes:
         prepare: Makes what is there before.
         save: Saves, and yields after each step.
-        halfway: Makes what a cut between the names of two files leaves behind, which no step does.
         read: Returns what the program finds when it starts, and raises what it would end with. May change the files.
     """
 
     prepare: Callable[[Path], object]
     save: Callable[[Path], Iterator[object]]
     read: Callable[[Path], object]
-    halfway: Callable[[Path], object] | None = None
 
 
 def nothing(_folder: Path) -> None:
@@ -83,38 +77,6 @@ def nothing(_folder: Path) -> None:
 def setup_files(focal: CameraModel, below: str) -> dict[str, str]:
     """Return what `init` writes, in its order."""
     return {"camera.toml": camera_file_text(focal), "stadimeter.toml": CONFIGURATION.format(below=below)}
-
-
-def save_first_setup(folder: Path) -> Iterator[object]:
-    yield from write_files(folder / "new", setup_files(LENS, "1 m"))
-
-
-def save_setup_again(folder: Path) -> Iterator[object]:
-    yield from write_files(folder / "new", setup_files(OTHER_LENS, "50 cm"))
-
-
-def save_half_of_setup(folder: Path) -> None:
-    save_camera_model(folder / "new" / "camera.toml", OTHER_LENS)
-
-
-def read_setup(folder: Path) -> object:
-    """Return the lens and the rules; a setup that has no configuration yet can be begun again."""
-    file = folder / "new" / "stadimeter.toml"
-    if not file.exists():
-        return list(write_files(folder / "new", setup_files(LENS, "1 m"))) and None
-    loaded = load_configuration(file)
-    before = setup_files(LENS, "1 m")
-    assert all(copy.read_text() == before[copy.name] for copy in (folder / "new" / "versions").glob("*/[!.]*"))
-    return loaded.camera_model, loaded.text
-
-
-def save_answers_again(folder: Path) -> Iterator[object]:
-    for number in range(6):
-        yield save_answers(folder / ANSWERS, {"camera": "opencv 0", "target": f"ball {number}"})
-
-
-def read_answers(folder: Path) -> object:
-    return load_answers(folder / ANSWERS) if (folder / ANSWERS).exists() else None
 
 
 def save_lens(folder: Path) -> Iterator[object]:
@@ -141,21 +103,6 @@ def prepare_linked_lens(folder: Path) -> None:
 def read_linked_lens(folder: Path) -> object:
     assert (folder / "link.toml").is_symlink()
     return load_camera_model(folder / "link.toml").fx_px
-
-
-def save_pictures(folder: Path) -> Iterator[object]:
-    for level in (40, 90):
-        yield write_picture(folder / "snapshot.png", np.full((48, 64, 3), level, np.uint8))
-
-
-def read_picture(folder: Path) -> object:
-    file = folder / "snapshot.png"
-    if not file.exists():
-        return None
-    picture = cv2.imread(str(file))
-    assert picture is not None
-    assert len(np.unique(picture)) == 1
-    return int(picture[0, 0, 0])
 
 
 def memory(*rules: str, messages: int = 0) -> Memory:
@@ -293,15 +240,9 @@ def read_events(folder: Path) -> object:
 
 
 SAVINGS = {
-    "the files of a first setup": Saving(nothing, save_first_setup, read_setup),
-    "the files of a setup over older ones": Saving(
-        lambda f: list(save_first_setup(f)), save_setup_again, read_setup, save_half_of_setup
-    ),
-    "the answers of a setup": Saving(nothing, save_answers_again, read_answers),
     "a camera file": Saving(nothing, save_lens, read_lens),
     "a camera file over an older one": Saving(prepare_lens, save_lens, read_lens),
     "a camera file through a link": Saving(prepare_linked_lens, save_lens_through_link, read_linked_lens),
-    "pictures": Saving(nothing, save_pictures, read_picture),
     "a new state file": Saving(nothing, save_state, read_state),
     "the state file of a run that was killed": Saving(prepare_state, save_state, read_state),
     "a journal": Saving(nothing, save_journal, read_records),
