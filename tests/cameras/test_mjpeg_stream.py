@@ -23,6 +23,7 @@ from stadimeter.app.clock import MonotonicClock
 from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import CaptureTimeoutError, DeviceOpenError, DriverError
+from stadimeter.testing.rig import eventually
 
 PERIOD_S = 0.02
 PATIENCE_S = 120.0
@@ -172,11 +173,9 @@ def frames_of(camera: OpenCvCamera, count: int) -> list[Frame]:
 @pytest.mark.long
 @pytest.mark.parametrize("is_chunked", [False, True])
 @pytest.mark.parametrize("part", [part_with_length, part_without_length])
-@pytest.mark.parametrize("boundary", ["frame", '"frame"', "--frame"])
 def test_pictures_arrive_as_they_were_sent(
-    server: Server, open_camera: Callable[..., OpenCvCamera], boundary: str, part: Callable, is_chunked: bool
+    server: Server, open_camera: Callable[..., OpenCvCamera], part: Callable, is_chunked: bool
 ) -> None:
-    server.content_type = f"multipart/x-mixed-replace;boundary={boundary}"
     server.part, server.is_chunked = part, is_chunked
     frames = frames_of(open_camera(), 4)
     numbers = [number_of(frame.image) for frame in frames]
@@ -243,6 +242,31 @@ def test_two_old_pictures_in_turn_are_never_delivered_as_new(server: Server) -> 
             continue
     capture.close()
     assert len(numbers) == len(set(numbers)), "0 and 1 are delivered once at most"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("hangs", [True, False])
+def test_a_sender_that_hangs_or_ends_is_told_and_frames_come_again_when_it_is_back(server: Server, hangs: bool) -> None:
+    options = OpenCvOptions.model_validate({"device": f"http://{server.place}/cam", "read_timeout": "500 ms"})
+    capture = LiveCapture(OpenCvCamera(options, MonotonicClock()), MonotonicClock())
+    is_back = threading.Event()
+
+    def stop(_number: int) -> None:
+        if not (is_back.wait(PATIENCE_S) if hangs else is_back.is_set()):
+            raise ConnectionAbortedError
+        time.sleep(PERIOD_S)
+
+    capture.open()
+    before = capture.latest(PATIENCE_S)
+    server.pause = stop
+    eventually(lambda: "opening the camera again" in capture.trouble())
+    assert server.place in capture.trouble()
+    is_back.set()
+    eventually(lambda: capture.trouble() == "")
+    after = capture.latest(PATIENCE_S)
+    assert after.sequence > before.sequence
+    assert after.captured_at_s > before.captured_at_s
+    capture.close()
 
 
 @pytest.mark.long

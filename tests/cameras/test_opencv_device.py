@@ -5,7 +5,6 @@ import socket
 import subprocess
 import sys
 import threading
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,6 @@ from stadimeter.app.clock import MonotonicClock
 from stadimeter.cameras.capture_time import GOOD_STAMPS_NEEDED
 from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
 from stadimeter.cameras.v4l2 import in_use
-from stadimeter.config.plugins import CAMERAS, DriverContext, load_driver
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DeviceHungError, DeviceOpenError, LinkLostError
 from stadimeter.testing.rig import ManualClock
 
@@ -191,18 +189,6 @@ def test_frames_carry_the_exposure_that_the_device_holds_and_none_that_it_choose
     assert camera.read().exposure_s == (None if exposure_s is None else pytest.approx(exposure_s))
 
 
-def test_settings_are_applied_again_when_the_camera_is_opened_again(
-    device: FakeDevice, node: Path, clock: ManualClock
-) -> None:
-    camera = camera_of(device, node, clock, width_px=640, height_px=480)
-    camera.open()
-    first = list(device.calls)
-    camera.close()
-    assert device.is_released
-    camera.open()
-    assert device.calls == first * 2
-
-
 def test_a_device_that_opens_but_gives_no_picture_is_an_error_that_tells_the_settings(
     device: FakeDevice, node: Path, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -267,16 +253,6 @@ def test_a_camera_that_was_pulled_out_is_lost(device: FakeDevice, node: Path, cl
     node.unlink()
     with pytest.raises(LinkLostError, match="video0 is gone"):
         camera.read()
-
-
-def test_a_stamp_of_the_driver_is_the_capture_time(device: FakeDevice, node: Path, clock: ManualClock) -> None:
-    camera = camera_of(device, node, clock)
-    camera.open()
-    for _ in range(GOOD_STAMPS_NEEDED + 1):
-        clock.advance_s(0.1)
-        device.values[cv2.CAP_PROP_POS_MSEC] = 1e3 * (clock.now_s() - 0.03)
-        frame = camera.read()
-    assert frame.captured_at_s == pytest.approx(clock.now_s() - 0.03)
 
 
 def test_the_first_frame_has_its_true_age_where_the_driver_stamps_it_also_after_opening_again(
@@ -350,35 +326,6 @@ def test_a_stated_latency_counts_into_the_age_of_a_stream(device: FakeDevice, cl
     assert camera.not_for_motion == ""
 
 
-def test_the_device_is_never_released_while_it_is_being_read(
-    device: FakeDevice, node: Path, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    camera = camera_of(device, node, clock)
-    camera.open()
-    reading, go_on, released_while_reading = threading.Event(), threading.Event(), []
-
-    def grab() -> bool:
-        reading.set()
-        go_on.wait(120)
-        released_while_reading.append(device.is_released)
-        return True
-
-    def read() -> None:
-        with suppress(DeviceClosedError):
-            camera.read()
-
-    monkeypatch.setattr(device, "grab", grab)
-    reader, closer = threading.Thread(target=read), threading.Thread(target=camera.close)
-    reader.start()
-    assert reading.wait(120)
-    closer.start()
-    go_on.set()
-    reader.join(120)
-    closer.join(120)
-    assert released_while_reading == [False]
-    assert device.is_released
-
-
 def test_a_read_that_does_not_end_lets_close_return_and_releases_the_device_itself(
     device: FakeDevice, node: Path, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -406,14 +353,6 @@ def test_a_read_that_does_not_end_lets_close_return_and_releases_the_device_itse
     reader.join(120)
     assert device.is_released
     assert len(errors) == 1
-
-
-def test_the_driver_is_built_from_its_options_without_touching_the_device() -> None:
-    assert load_driver(CAMERAS, "opencv") is OpenCvOptions
-    camera = OpenCvOptions(device="/dev/nowhere").build(DriverContext(name="camera", clock=ManualClock()))
-    assert camera.is_live
-    with pytest.raises(DeviceOpenError, match="there is no camera /dev/nowhere"):
-        camera.open()
 
 
 def test_of_a_stream_that_cannot_be_opened_nothing_but_our_own_error_is_printed() -> None:

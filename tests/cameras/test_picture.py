@@ -14,6 +14,8 @@ from stadimeter.cameras.picture import load_picture
 from stadimeter.core.frame import Image
 from stadimeter.errors import PictureError
 
+pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]
+
 KINDS = {
     "baseline.jpg": [cv2.IMWRITE_JPEG_QUALITY, 95],
     "progressive.jpg": [cv2.IMWRITE_JPEG_PROGRESSIVE, 1],
@@ -46,8 +48,6 @@ def refusal(path: Path) -> str:
     return message
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("suffix", [".png", ".bmp", ".tif", ".ppm"])
 def test_a_picture_without_loss_comes_back_as_it_was(tmp_path: Path, scene: Image, suffix: str) -> None:
     path = tmp_path / f"scene{suffix}"
@@ -55,8 +55,6 @@ def test_a_picture_without_loss_comes_back_as_it_was(tmp_path: Path, scene: Imag
     assert np.array_equal(load_picture(path).image, scene)
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("name", KINDS)
 def test_a_whole_file_is_read(tmp_path: Path, scene: Image, name: str) -> None:
     path = tmp_path / name
@@ -64,8 +62,6 @@ def test_a_whole_file_is_read(tmp_path: Path, scene: Image, name: str) -> None:
     assert np.abs(load_picture(path).image.astype(int) - scene).mean() < 3
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("name", KINDS)
 @given(part=st.floats(0.01, 1, exclude_max=True))
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -76,8 +72,6 @@ def test_a_file_that_was_cut_anywhere_is_refused(tmp_path: Path, scene: Image, n
     refusal(path)
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("name", KINDS)
 def test_a_file_that_lost_its_last_byte_is_said_to_be_cut_short(tmp_path: Path, scene: Image, name: str) -> None:
     path = tmp_path / name
@@ -85,8 +79,6 @@ def test_a_file_that_lost_its_last_byte_is_said_to_be_cut_short(tmp_path: Path, 
     assert "cut short" in refusal(path)
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("suffix", [".bmp", ".tif", ".ppm", ".webp"])
 @pytest.mark.parametrize("part", [0.3, 0.9])
 def test_other_kinds_that_were_cut_are_refused_too(tmp_path: Path, scene: Image, suffix: str, part: float) -> None:
@@ -96,8 +88,6 @@ def test_other_kinds_that_were_cut_are_refused_too(tmp_path: Path, scene: Image,
     refusal(path)
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 def test_the_end_of_a_thumbnail_is_not_taken_for_the_end_of_the_picture(tmp_path: Path, scene: Image) -> None:
     path = tmp_path / "camera.jpg"
     thumbnail = encode(scene[::4, ::4], ".jpg")
@@ -108,16 +98,12 @@ def test_the_end_of_a_thumbnail_is_not_taken_for_the_end_of_the_picture(tmp_path
     assert "cut short" in refusal(path)
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 def test_bytes_after_the_end_of_a_jpeg_do_no_harm(tmp_path: Path, scene: Image) -> None:
     path = tmp_path / "phone.jpg"
     path.write_bytes(encode(scene, ".jpg") + b"MotionPhoto\xff\x00" * 20)
     assert load_picture(path).image.shape == scene.shape
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 def test_a_turned_camera_s_picture_is_turned_upright(tmp_path: Path, scene: Image) -> None:
     path = tmp_path / "turned.jpg"
     upright = tmp_path / "upright.jpg"
@@ -126,8 +112,6 @@ def test_a_turned_camera_s_picture_is_turned_upright(tmp_path: Path, scene: Imag
     assert np.array_equal(load_picture(path).image, cv2.rotate(load_picture(upright).image, cv2.ROTATE_90_CLOCKWISE))
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 def test_grey_becomes_three_equal_channels(tmp_path: Path, scene: Image) -> None:
     path = tmp_path / "grey.png"
     grey = scene[..., 1]
@@ -135,8 +119,6 @@ def test_grey_becomes_three_equal_channels(tmp_path: Path, scene: Image) -> None
     assert np.array_equal(load_picture(path).image, np.dstack([grey] * 3))
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("channels", [1, 3])
 def test_the_upper_8_of_16_bits_are_kept(tmp_path: Path, channels: int) -> None:
     path = tmp_path / "deep.png"
@@ -147,29 +129,17 @@ def test_the_upper_8_of_16_bits_are_kept(tmp_path: Path, channels: int) -> None:
     assert np.abs(load_picture(path).image - upper).max() <= 1
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 def test_transparency_is_dropped(tmp_path: Path, scene: Image) -> None:
     path = tmp_path / "glass.png"
     path.write_bytes(encode(np.dstack([scene, np.full(scene.shape[:2], 77, np.uint8)]), ".png"))
     assert np.array_equal(load_picture(path).image, scene)
 
 
-def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:
+def test_what_is_no_file_with_data_is_refused_and_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     assert "there is no such file" in refusal(tmp_path / "absent.jpg")
-
-
-def test_an_empty_file_is_said_to_be_empty(tmp_path: Path) -> None:
-    path = tmp_path / "empty.jpg"
-    path.touch()
-    assert "is empty" in refusal(path)
-
-
-def test_a_folder_is_said_to_be_a_folder(tmp_path: Path) -> None:
     assert "is a folder" in refusal(tmp_path)
-
-
-def test_a_pipe_is_refused_without_waiting_for_it(tmp_path: Path) -> None:
+    (tmp_path / "empty.jpg").touch()
+    assert "is empty" in refusal(tmp_path / "empty.jpg")
     path = tmp_path / "pipe.jpg"
     os.mkfifo(path)
     assert "not a regular file" in refusal(path)
@@ -189,8 +159,6 @@ def test_a_video_is_said_to_be_one(tmp_path: Path, data: bytes) -> None:
     assert refusal(path).startswith(f"this is a video: {path}; ")
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("suffix", [".jpg", ".png"])
 def test_a_picture_with_its_end_but_a_broken_middle_does_not_crash(tmp_path: Path, scene: Image, suffix: str) -> None:
     path = tmp_path / f"broken{suffix}"
@@ -207,8 +175,6 @@ def test_a_file_that_may_not_be_read_says_so(tmp_path: Path, scene: Image) -> No
     assert "permission denied" in refusal(path)
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("folder", ["chessboard", "seed_sheet", "tags", "charuco"])
 def test_pictures_of_real_cameras_are_whole(real_pictures: Path, folder: str) -> None:
     paths = [path for path in (real_pictures / folder).rglob("*") if path.suffix.lower() in {".jpg", ".jpeg", ".png"}]

@@ -18,6 +18,8 @@ from stadimeter.cameras.picture import subsampling_of as subsampling_in
 from stadimeter.core.frame import SUBSAMPLINGS
 from stadimeter.testing.rig import ManualClock
 
+pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]
+
 SAMPLING = {
     "4:4:4": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
     "4:2:2": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422,
@@ -32,8 +34,6 @@ def jpeg(sampling: int, *more: int, channels: int = 3) -> bytes:
     return data.tobytes()
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("kind", ["baseline", "progressive"])
 @pytest.mark.parametrize("subsampling", SUBSAMPLINGS)
 def test_a_jpeg_says_how_coarsely_it_stores_colour(tmp_path: Path, subsampling: str, kind: str) -> None:
@@ -42,21 +42,15 @@ def test_a_jpeg_says_how_coarsely_it_stores_colour(tmp_path: Path, subsampling: 
     assert load_picture(path).subsampling == subsampling
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 def test_a_grey_jpeg_has_no_colour_to_store() -> None:
     assert subsampling_in(jpeg(SAMPLING["4:2:0"], channels=1)) == "4:4:4"
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 def test_other_ways_of_storing_less_colour_count_as_the_coarsest() -> None:
     assert subsampling_in(jpeg(cv2.IMWRITE_JPEG_SAMPLING_FACTOR_411)) == "4:2:0"
     assert subsampling_in(jpeg(cv2.IMWRITE_JPEG_SAMPLING_FACTOR_440)) == "4:2:0"
 
 
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
 def test_only_lossy_webp_stores_less_colour() -> None:
     image = np.full((48, 64, 3), 90, np.uint8)
     lossy, whole = (cv2.imencode(".webp", image, [cv2.IMWRITE_WEBP_QUALITY, each])[1].tobytes() for each in (80, 101))

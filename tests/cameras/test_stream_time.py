@@ -227,12 +227,6 @@ def test_the_first_pictures_of_a_stream_without_time_stamps_are_passed_over() ->
     assert None not in found[61:]
 
 
-def test_a_stated_latency_counts_into_the_age() -> None:
-    stream_time = StreamTime(0.15)
-    found = [stream_time.captured_at_s(10 + number / 30) for number in range(30)]
-    assert found[-1] == pytest.approx(10 + 29 / 30 - 0.15)
-
-
 @pytest.mark.long
 def test_a_lag_that_grows_slowly_is_seen_and_two_clocks_that_run_apart_are_not_taken_for_one() -> None:
     lagging, drifting = StreamTime(), StreamTime()
