@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,11 +25,6 @@ def proved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Proved:
     return lambda *options: CliRunner().invoke(app, ["prove", "robot.toml", *options])
 
 
-@pytest.fixture
-def without_rest(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(leased_output, "REST_S", 0.0)
-
-
 def test_what_holds_is_said_with_what_it_covers(proved: Proved, tmp_path: Path) -> None:
     result = proved("--faults", "1", "--only", "block-camera", "--only", "end-process")
     assert result.exit_code == 0, result.output
@@ -42,18 +36,11 @@ def test_what_holds_is_said_with_what_it_covers(proved: Proved, tmp_path: Path) 
     assert not (tmp_path / "counter-example.jsonl").exists()
 
 
-def test_a_sample_is_called_one(proved: Proved) -> None:
-    result = proved("--faults", "2", "--only", "block-camera", "--minutes", "0")
-    assert result.exit_code == 0, result.output
-    words = " ".join(result.stdout.split())
-    assert "1 of 6 sequences" in words
-    assert "None of these 1 sequences keeps" in words
-    assert "No two faults" not in words
-
-
-@pytest.mark.usefixtures("without_rest")
-def test_a_counter_example_is_a_journal_that_replay_opens(proved: Proved, tmp_path: Path) -> None:
-    result = proved("--faults", "2", "--only", "unplug-base")
+def test_a_counter_example_is_a_journal_that_replay_opens(
+    proved: Proved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(leased_output, "REST_S", 0.0)
+    result = proved("--faults", "1", "--only", "unplug-base")
     assert result.exit_code == 1, result.output
     words = " ".join(result.stdout.split())
     assert "Counter-example: unplug-base at 1.50 s" in words
@@ -62,16 +49,6 @@ def test_a_counter_example_is_a_journal_that_replay_opens(proved: Proved, tmp_pa
     replayed = CliRunner().invoke(app, ["replay", str(tmp_path / "counter-example.jsonl")])
     assert replayed.exit_code == 0, replayed.output
     assert "fault" in replayed.stdout
-
-
-@pytest.mark.usefixtures("without_rest")
-def test_it_is_one_object_of_json_when_asked_for(proved: Proved, tmp_path: Path) -> None:
-    result = proved("--faults", "1", "--only", "unplug-base", "--json")
-    assert result.exit_code == 1
-    figures = json.loads(result.stdout)
-    assert figures["alphabet"] == ["unplug-base"]
-    assert figures["counter_example"]["sequence"] == [{"at_s": 1.5, "fault": "unplug-base"}]
-    assert (tmp_path / "counter-example.jsonl").exists()
 
 
 def test_a_fault_that_there_is_not_is_refused(proved: Proved) -> None:

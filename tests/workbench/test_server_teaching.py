@@ -51,38 +51,6 @@ def test_a_dragged_threshold_says_how_many_alarms_come_and_go(desk: Desk) -> Non
 
 
 @pytest.mark.long
-def test_what_is_asked_again_reads_no_recording_again(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    ask(desk, "what_if", changes={"below": 0.8})
-    monkeypatch.setattr("stadimeter.workbench.teaching.lesson.read_recording", None)
-    assert "1 of them new" not in ask(desk, "what_if", changes={"below": "70 cm", "off_delay": 3.0})["words"]
-
-
-@pytest.mark.long
-def test_a_desk_at_rest_keeps_no_recording_and_reads_it_again_when_it_is_asked(desk: Desk) -> None:
-    for _ in range(2):
-        told = ask(desk, "what_if", changes={"below": 0.8})["words"]
-        (rest,) = desk.at_rest
-        rest()
-        assert desk.kept["lesson"] is None
-        assert "2 of yours missed" in told
-
-
-def test_before_anything_is_read_the_answer_says_that_more_is_to_come(desk: Desk) -> None:
-    found = ask(desk, "what_if", for_s=0.0)
-    assert not found["is_done"]
-    assert found["recordings"][0]["before"] == []
-
-
-@pytest.mark.long
-def test_marks_are_met_by_one_setting_that_leaves_all_other_alarms(desk: Desk) -> None:
-    found = ask(desk, "teach", marks=[BY, STAYED])
-    assert len(found["changes"]) == 1
-    (recording,) = found["recordings"]
-    assert not any(begin <= BY_S <= end for begin, end in recording["after"])
-    assert any(begin <= STAYED_S <= end for begin, end in recording["after"])
-
-
-@pytest.mark.long
 def test_the_change_is_saved_with_a_test_that_fails_without_it(desk: Desk) -> None:
     changes = ask(desk, "teach", marks=[BY, STAYED])["changes"]
     saved = ask(desk, "save", changes=changes, marks=[BY, STAYED])
@@ -98,13 +66,6 @@ def test_the_change_is_saved_with_a_test_that_fails_without_it(desk: Desk) -> No
 
 
 @pytest.mark.long
-def test_a_dragged_threshold_is_saved_with_the_alarms_that_went(desk: Desk) -> None:
-    saved = ask(desk, "save", changes={"below": 0.8})
-    assert [each["ok"] for each in saved["tests"]] == [True]
-    assert "inactive_at" in desk.configuration.read_text()
-
-
-@pytest.mark.long
 def test_marks_that_contradict_each_other_are_refused_by_name(desk: Desk) -> None:
     with pytest.raises(ConfigError) as refused:
         ask(desk, "teach", marks=["evening.mcap@92s no", "evening.mcap@31.5s fire"])
@@ -115,29 +76,8 @@ def test_marks_that_contradict_each_other_are_refused_by_name(desk: Desk) -> Non
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"below": "2 s"}, "'below' is in m"),
-        ({"blow": 1.0}, "did you mean 'below'"),
-        ({"below": -1.0}, "below"),
-    ],
-)
-def test_what_cannot_be_set_is_said(desk: Desk, changes: dict[str, Any], says: str) -> None:
-    with pytest.raises(ConfigError) as refused:
-        ask(desk, "what_if", changes=changes)
-    assert says in str(refused.value)
-
-
-@pytest.mark.long
 def test_a_recording_that_holds_a_moment_is_found(tmp_path: Path) -> None:
     record(tmp_path, time.time() - 1000)
     desk = Desk(configuration=tmp_path / "stadimeter.toml", run_socket=tmp_path / "none.sock")
     found = ask(desk, "what_if", at_s=[time.time() - 900])
     assert [each["name"] for each in found["recordings"]] == ["evening.mcap"]
-
-
-def test_a_moment_that_no_recording_holds_is_looked_for_once(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    ask(desk, "what_if", at_s=[BEGAN_S - 5000])
-    monkeypatch.setattr("stadimeter.workbench.teaching.lesson.read_recording", None)
-    assert ask(desk, "what_if", at_s=[BEGAN_S - 5000])["is_done"]

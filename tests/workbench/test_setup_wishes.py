@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +24,8 @@ LENS = CameraModel.with_focal_length(600.0, 640, 480)
 FRAME = Frame(image=np.zeros((480, 640, 3), np.uint8), captured_at_s=0.0, sequence=0)
 TARGETS = {
     "ball": {"target": "ball", "size": "tennis ball", "colour": "29,86,6:64,255,255"},
-    "sheet": {"target": "sheet", "size": "letter"},
     "tag": {"target": "tag", "size": "10 cm", "tag": "36h11 3"},
-    "disc": {"target": "disc", "size": "12 cm"},
     "balls": {"target": "balls", "size": "tennis ball", "number": "4", "colour": "29,86,6:64,255,255"},
-    "tags": {"target": "tags", "size": "10 cm", "tags": "36h11 3 7 9"},
 }
 CAMERA = {"camera": "/dev/video0", "calibration": "1 m"}
 
@@ -67,11 +63,10 @@ OF_ONE = [wish for wish in HAPPENS if not wish.needs_several]
 
 
 @pytest.mark.parametrize(
-    "kind", ["ball", *(pytest.param(kind, marks=pytest.mark.long) for kind in TARGETS if kind != "ball")]
+    "wish", [OF_ONE[0], *(pytest.param(wish, marks=pytest.mark.long) for wish in OF_ONE[1:])], ids=lambda wish: wish.key
 )
-@pytest.mark.parametrize("wish", OF_ONE, ids=lambda wish: wish.key)
-def test_every_wish_is_a_configuration_with_two_tests_that_pass(tmp_path: Path, wish: Wish, kind: str) -> None:
-    configuration = loaded(tmp_path, answers(kind, wish))
+def test_every_wish_is_a_configuration_with_two_tests_that_pass(tmp_path: Path, wish: Wish) -> None:
+    configuration = loaded(tmp_path, answers("ball", wish))
     warnings = [*configuration.warnings, *feasibility_warnings(configuration)]
     assert warnings == []
     assert len(configuration.tests) == 2
@@ -79,10 +74,10 @@ def test_every_wish_is_a_configuration_with_two_tests_that_pass(tmp_path: Path, 
     assert [(each.test.name, each.failures, each.trouble) for each in results if not each.passed] == []
 
 
-@pytest.mark.parametrize("kind", ["balls", "tags"])
-def test_a_wish_for_several_counts_them_and_its_tests_pass(tmp_path: Path, kind: str) -> None:
+@pytest.mark.long
+def test_a_wish_for_several_counts_them_and_its_tests_pass(tmp_path: Path) -> None:
     (crowd,) = (wish for wish in HAPPENS if wish.needs_several)
-    configuration = loaded(tmp_path, answers(kind, crowd))
+    configuration = loaded(tmp_path, answers("balls", crowd))
     assert [*configuration.warnings, *feasibility_warnings(configuration)] == []
     results = [run_rule_test(configuration, test) for test in configuration.tests]
     assert [each.failures for each in results] == [()] * 2
@@ -99,24 +94,13 @@ def test_what_is_known_of_floor_water_and_places_stands_where_it_belongs(tmp_pat
     assert configuration.camera_model.fx_px == pytest.approx(1.334 * LENS.fx_px)
 
 
-def test_places_alone_make_a_configuration_without_a_warning(tmp_path: Path) -> None:
-    (places,) = (wish for wish in WISHES if wish.key == "places")
-    assert loaded(tmp_path, answers("ball", places)).warnings == ()
-
-
 @each_case(
     "key, blank, wrong, words",
     [
         ("floor", "height", "1 deg", "unknown unit 'deg'"),
-        ("floor", "tilt", "down", "'down'"),
         ("water", "medium", "oil", "air, water, sea water"),
-        ("water", "medium", 'a "b', "air, water, sea water"),
-        ("water", "port", "-1 cm", "is not a length above zero"),
         ("water", "port", "1", "'1' has no unit"),
         ("stereo", "file", "nothing.toml", "stereo"),
-        ("stereo", "camera", "/dev/video0,width_px=some", "'some'"),
-        ("places", "tags", "3: 0 m, 2 m, 50 cm", "unknown unit 'cm'"),
-        ("places", "tags", "seven: 0 m, 2 m, 50 cm, 0 deg", "'seven' is not a whole number"),
         ("places", "tags", "3: 0 m, 2 m, 50 cm, 0 deg; 3: 1 m, 2 m, 50 cm, 0 deg", "tag 3 is listed twice"),
     ],
 )
@@ -127,52 +111,16 @@ def test_what_cannot_be_so_is_refused_at_its_question(key: str, blank: str, wron
     assert words in str(refused.value)
 
 
-def test_water_alone_does_nothing_and_is_refused() -> None:
-    with pytest.raises(ConfigError, match="water alone does nothing"):
-        WishStep().accept(known_of(TARGETS["ball"]), "water")
-
-
-def test_a_second_camera_alone_does_nothing_and_into_water_its_file_says_so() -> None:
-    with pytest.raises(ConfigError, match="stereo alone does nothing"):
-        WishStep().accept(known_of(TARGETS["ball"]), "stereo")
-    with pytest.raises(ConfigError, match="write medium and port_m into the stereo file"):
-        WishStep().accept(known_of(TARGETS["ball"]), "near water stereo")
-
-
-def test_a_camera_file_that_is_there_already_is_not_changed_for_water() -> None:
-    known = known_of(TARGETS["ball"])
-    known.model_file = "camera.toml"
-    with pytest.raises(ConfigError, match=r"write medium and port_m into camera\.toml"):
-        WishStep().accept(known, "near water")
-
-
-def test_a_distance_that_turns_the_sentence_around_is_refused() -> None:
-    for key, blank, before, wrong, words in [
-        ("far", "to", {"far_from": "10 ft"}, "5 ft", "5 ft is not farther than 10 ft"),
-        ("far", "to", {"far_from": "2 m"}, "200 cm", "200 cm is not farther than 2 m"),
-        ("parking", "stop", {"parking_slow": "1 m"}, "1.5 m", "1.5 m is not nearer than 1 m"),
-    ]:
-        with pytest.raises(ConfigError, match=words):
-            step_of(key, blank).accept(known_of({**CAMERA, **TARGETS["ball"], **before}), wrong)
-
-
 @each_case(
     "key, blank, before, wrong, words",
     [
         ("often", "times", {}, "1", "'1' is no number from 2 to 999"),
-        ("often", "times", {}, "three", "'three' is no number"),
         ("often", "window", {"often_times": "20"}, "1 min", "1 min is too short for 20 visits"),
-        ("night", "begin", {}, "25:00", "is no time that a clock shows"),
         ("night", "end", {"night_begin": "22:00"}, "22:00", "22:00 is when it begins"),
-        ("closer", "tag", {}, "36h11, 8 cm", "has no number"),
-        ("closer", "tag", {}, "36h11 7", "'' is not a number with a unit"),
         ("closer", "tag", TARGETS["tag"], "36h11 3, 8 cm", "is the target itself"),
-        ("closer", "tag", {**TARGETS["tag"], "tag": "36h11"}, "36h11 7, 8 cm", "is the target itself"),
         ("closer", "tag", {"slow_tag": "36h11 7, 8 cm"}, "36h11 7, 9 cm", "tag-7 is '36h11 7, 8 cm' already"),
-        ("mute", "button", {}, "99", "99 is not a pin"),
         ("mute", "button", {"near_output": "buzzer 22"}, "22", "pin 22 is taken by 'buzzer 22'"),
         ("dark", "place", {}, "91, 13", "is no latitude and longitude"),
-        ("dark", "place", {}, "Berlin", "is no latitude and longitude"),
     ],
 )
 def test_what_is_no_answer_to_a_blank_is_refused_in_a_sentence(
@@ -188,12 +136,6 @@ def test_two_wishes_would_not_drive_one_robot() -> None:
         WishStep().accept(known_of({}), "follow near permit")
 
 
-def test_a_tag_that_is_the_target_is_not_proposed_as_the_second() -> None:
-    for tag, ready in (("36h11 3", "36h11 7, 8 cm"), ("36h11 7", "36h11 8, 8 cm"), ("36h11", "25h9 7, 8 cm")):
-        given = {**CAMERA, **TARGETS["tag"], "tag": tag, "wish": "closer"}
-        assert step_of("closer", "tag").question(known_of(given)).ready == ready
-
-
 def test_a_button_takes_its_pin_from_the_outputs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Computer, "is_pi", True)
     assert step_of("mute", "button").question(known_of({**CAMERA, **TARGETS["ball"]})).ready == "22"
@@ -207,19 +149,3 @@ def test_all_wishes_but_those_for_further_robots_go_into_one_configuration(tmp_p
     configuration = loaded(tmp_path, answers("balls", *wishes))
     assert len(configuration.tests) == 2 * len(wishes)
     assert {wish.group for wish in wishes} == {wish.group for wish in HAPPENS}
-
-
-@each_case("wish", [wish for wish in WISHES if wish.rules])
-def test_the_wishes_of_a_group_stand_together_and_each_rule_is_explained(wish: Wish) -> None:
-    groups = [each for each, _ in groupby(WISHES, key=lambda other: other.group)]
-    assert groups.count(wish.group) == 1
-    assert wish.rules.lstrip().startswith("# ")
-    assert set(re.findall(r"{(\w+)}", wish.sentence)) == {blank.key for blank in wish.blanks}
-
-
-def test_several_wishes_share_an_output_on_one_pin(tmp_path: Path) -> None:
-    near, parking = (wish for wish in WISHES if wish.key in {"near", "parking"})
-    configuration = loaded(tmp_path, answers("disc", near, parking))
-    assert [each.name for each in configuration.actuators] == ["buzzer"]
-    results = [run_rule_test(configuration, test) for test in configuration.tests]
-    assert [each.test.name for each in results if not each.passed] == []
