@@ -11,8 +11,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.simulation.silhouette import silhouette
-from support.each_case import each_case
-from support.scenes.draw import ball_scene, disc_scene, empty_scene, sheet_scene, tag_scene
+from support.scenes.draw import disc_scene, empty_scene, sheet_scene, tag_scene
 from support.scenes.nuisances import BARREL
 from support.scenes.plane import DiscTarget, Pose
 from support.scenes.render import render
@@ -48,15 +47,6 @@ def test_the_limb_of_a_ball_is_where_the_exact_cone_has_it(bare, ball, cover, ed
     # Walking straight into a curve is longer on the outside by the square over the diameter, most for small balls.
     assert abs(errors.mean()) < 0.02
     assert np.abs(errors).max() < 0.08
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("depth_m", [0.4, 1.0, 4.0, 15.0])
-def test_a_ball_covers_the_area_of_the_exact_cone_however_far_it_is(bare, ball, cover, depth_m) -> None:
-    position_m = (0.05, 0.01 * depth_m, depth_m)
-    seen = silhouette(SQUARE, position_m, 0.1)
-    exact_px = 2 * math.sqrt(seen.half_across_px[0] * seen.half_along_px[1])
-    assert 2 * math.sqrt(cover(bare(ball(position_m, 0.2))).sum() / math.pi) == pytest.approx(exact_px, abs=0.02)
 
 
 @pytest.mark.parametrize("distortion", [(0.0,) * 5, BARREL], ids=["pinhole", "barrel"])
@@ -123,22 +113,6 @@ def test_opencv_reads_a_tag_and_finds_its_corners_where_the_truth_has_them() -> 
     corners, numbers, _ = detector.detectMarkers(made.image)
     assert numbers.ravel().tolist() == [41]
     assert corners[0].reshape(4, 2) == pytest.approx(made.truth.outline_px, abs=1.5)
-
-
-@pytest.mark.long
-@each_case("seed", range(6))
-def test_a_drawn_ball_is_whole_in_the_picture_and_its_truth_agrees_with_itself(seed) -> None:
-    scene = ball_scene(seed)
-    truth = render(scene).truth
-    assert truth.distance_m == pytest.approx(math.hypot(*truth.position_m))
-    assert truth.position_m[2] == truth.depth_m
-    assert truth.outline_px.min() >= 6
-    assert (truth.outline_px.max(axis=0) <= (633, 473)).all()
-    assert scene.target.diameter_m == (0.067, 0.2)[seed % 2]
-    exact = silhouette(scene.camera, truth.position_m, scene.target.diameter_m / 2)
-    assert truth.apparent_px == pytest.approx(2 * exact.half_across_px[0])
-    distances = np.linalg.norm(truth.outline_px - exact.centre_px, axis=1)
-    assert distances.min() * 2 == pytest.approx(truth.apparent_px, rel=1e-3)
 
 
 def test_a_tag_is_as_large_as_asked_and_a_sheet_as_tilted_as_asked() -> None:
