@@ -17,15 +17,13 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.health import Board
 from stadimeter.app.loop import Loop
 from stadimeter.cli.keyboard import Keyboard, RunKeys
-from stadimeter.cli.live_view import LiveView, grant_rows
+from stadimeter.cli.live_view import LiveView
 from stadimeter.cli.target_panel import big_digits
-from stadimeter.core.command import LevelCommand, TwistCommand
+from stadimeter.core.command import LevelCommand
 from stadimeter.core.decision import Event, EventKind, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.detection import RejectedCandidate
-from stadimeter.core.message import Message
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.track import Track, TrackStatus
-from stadimeter.errors import ConfigError
 from support.cycle_records import live_view
 from support.observing import measured, missed
 
@@ -125,11 +123,6 @@ def test_why_outputs_may_not_act_is_told_below(
     ]
 
 
-def test_a_cycle_without_a_frame_is_no_alarm_while_outputs_act(make_record: Callable[..., CycleRecord]) -> None:
-    record = make_record(frame=None, camera_fault="no frame in 0.1 s")
-    assert not any("no frame in" in row for row in screen(shown(record)))
-
-
 def test_a_lost_target_says_since_when_and_why(
     make_record: Callable[..., CycleRecord], make_track: Callable[..., Track]
 ) -> None:
@@ -140,12 +133,6 @@ def test_a_lost_target_says_since_when_and_why(
         assert row_with("last seen 3.0 s ago", rows)
         assert row_with("largest blob 6 px, limit 12 px", rows)
         assert not any("closing" in row for row in rows)
-
-
-def test_a_target_that_was_never_seen_has_no_distance(make_record: Callable[..., CycleRecord]) -> None:
-    rows = screen(shown(make_record(tracks=(Track(target="ball", reason="no round blob"),))))
-    assert row_with("no round blob", rows)
-    assert any(row.strip() == "—" for row in rows)
 
 
 DOOR = RejectedCandidate(centre_px=(310.0, 120.0), size_px=24.0, reason="edge scatters by 2.1 px, limit 1.0 px")
@@ -173,31 +160,6 @@ def test_what_looked_most_like_a_target_that_is_not_found_is_shown_with_the_test
     assert not any("7.0 px wide" in row for row in rows), "the best of them only"
 
 
-def test_a_test_that_the_reason_tells_already_is_not_told_twice(make_record: Callable[..., CycleRecord]) -> None:
-    rows = screen(shown(unseen(make_record, reason=f"no ball: {DOOR.reason}")))
-    assert row_with("edge scatters by 2.1 px", rows)
-    assert row_with("looked at 24 px at 310, 120", rows)
-
-
-def test_a_long_reason_is_told_on_two_lines_and_no_more(make_record: Callable[..., CycleRecord]) -> None:
-    reason = "no ball: " + ", ".join(f"colour {number} was found nowhere" for number in range(12))
-    rows = screen(shown(unseen(make_record, reason=reason)))
-    first, second = (number for number, row in enumerate(rows) if "found nowhere" in row)
-    assert second == first + 1
-    assert "looked at 24 px" in rows[second + 1]
-
-
-def test_between_two_frames_what_was_looked_at_stays(make_record: Callable[..., CycleRecord]) -> None:
-    between = make_record(10.05, tracks=(Track(target="ball", reason="no ball"),), frame=None)
-    assert row_with("looked at 24 px", screen(shown(unseen(make_record), between)))
-
-
-def test_a_target_that_is_tracked_has_nothing_more(make_record: Callable[..., CycleRecord]) -> None:
-    seen = make_record(10.1, measurements=(measured("ball", 10.1, 2.43),), rejected={"ball": (DOOR,)})
-    for record in (seen, make_record(10.1, measurements=(missed("ball", 10.1),), rejected={"ball": (DOOR,)})):
-        assert not any("looked at" in row for row in screen(shown(unseen(make_record), record)))
-
-
 def test_the_chart_has_a_gap_where_the_target_was_lost(
     make_record: Callable[..., CycleRecord], make_track: Callable[..., Track]
 ) -> None:
@@ -206,27 +168,6 @@ def test_the_chart_has_a_gap_where_the_target_was_lost(
     rows = screen(shown(*records))
     (line,) = [row.partition("┤")[2] for row in rows if row.startswith("2.4 m ┤")]
     assert re.fullmatch(r"\S{20,} {20,}\S{20,}", line.strip())
-
-
-def test_distances_leave_the_chart_after_half_a_minute(
-    make_record: Callable[..., CycleRecord], make_track: Callable[..., Track]
-) -> None:
-    records = [make_record(number / 10, tracks=(make_track(9.0 if number < 50 else 2.0),)) for number in range(400)]
-    assert any(row.startswith(("10 m", " 8 m")) for row in screen(shown(*records[:300])))
-    assert not any(re.match(r" *([4-9]|10)(\.\d)? m ┤", row) for row in screen(shown(*records)))
-
-
-@pytest.mark.parametrize(("width", "height"), SIZES)
-def test_what_keeps_a_rule_quiet_is_shown_in_place_of_its_output(
-    make_record: Callable[..., CycleRecord], width: int, height: int
-) -> None:
-    record = make_record()
-    rules = tuple(
-        replace(trace, inhibits=("shelved", "suppressed")) if trace.rule == "report" else trace
-        for trace in record.decision.rules
-    )
-    rows = screen(shown(replace(record, decision=replace(record.decision, rules=rules))), width, height)
-    assert "clearing  shelved, suppressed" in row_with(" report ", rows)
 
 
 @pytest.mark.parametrize(("width", "height"), SIZES)
@@ -256,26 +197,12 @@ def test_every_output_is_shown_with_its_value_its_winner_and_its_losers(
     assert row_with("safe value: nothing asks for more", rows)
 
 
-def test_a_base_shows_which_way_it_goes_and_turns(make_record: Callable[..., CycleRecord]) -> None:
-    back = TwistCommand(output="base", linear_mps=-0.1, angular_radps=-0.3, captured_at_s=0.0)
-    still = TwistCommand(output="base", linear_mps=0.0, angular_radps=0.0)
-    assert "▼ -0.10 m/s ↻ -0.30 rad/s" in row_with("rad/s", screen(shown(make_record(commands=(back,)))))
-    assert "■  0.00 m/s    0.00 rad/s" in row_with("rad/s", screen(shown(make_record(commands=(still,)))))
-
-
 def test_an_output_out_of_order_says_so_in_the_driver_s_words(make_record: Callable[..., CycleRecord]) -> None:
     motor = LevelCommand(output="motor", level=0.5, captured_at_s=0.0)
     record = make_record(
         commands=(motor,), applied=(), output_faults=(OutputFault(output="motor", reason="pin 18 is busy"),)
     )
     assert re.search(r"motor +out of order  pin 18 is busy", row_with("out of order", screen(shown(record))))
-
-
-def test_a_driver_that_does_less_than_asked_is_seen(make_record: Callable[..., CycleRecord]) -> None:
-    asked, done = (LevelCommand(output="motor", level=level, captured_at_s=0.0) for level in (0.9, 0.5))
-    rounded = LevelCommand(output="motor", level=0.896, captured_at_s=0.0)
-    assert "50 %" in row_with("asked for 90 %", screen(shown(make_record(commands=(asked,), applied=(done,)))))
-    assert not any("asked for" in row for row in screen(shown(make_record(commands=(asked,), applied=(rounded,)))))
 
 
 @pytest.mark.parametrize(("width", "height"), SIZES)
@@ -393,16 +320,6 @@ def test_an_error_in_the_run_gives_the_terminal_back(make_record: Callable[..., 
     assert "\x1b[?1049l" in file.getvalue()
 
 
-def test_where_there_is_room_the_health_of_the_run_is_shown_as_on_the_page(
-    make_record: Callable[..., CycleRecord],
-) -> None:
-    view = shown(make_record(9.9), make_record(10.0))
-    words = "10.0 pictures a second, 34 ms old"
-    assert words in row_with(" camera ", screen(view, 80, 60))
-    assert words in row_with(" camera ", screen(view, 120, 40))
-    assert not any(words in row for row in screen(view, 80, 24))
-
-
 def test_what_is_wrong_with_the_board_is_said_on_top_however_little_room_there_is(
     make_record: Callable[..., CycleRecord], tmp_path: Path
 ) -> None:
@@ -411,17 +328,6 @@ def test_what_is_wrong_with_the_board_is_said_on_top_however_little_room_there_i
     view, show = live_view(board=Board(folder=tmp_path, root=tmp_path))
     show(make_record())
     assert " ! processor: 84 °C, cool it" in screen(view, 60, 16)[1]
-
-
-def test_an_unknown_unit_is_refused() -> None:
-    with pytest.raises(ConfigError, match="furlong"):
-        live_view(unit="furlong")
-
-
-def test_rows_go_to_the_first_claims_first_and_headings_come_all_or_none() -> None:
-    claims = [("rules", 2), ("headings", 3), ("rules", 2), ("chart", 10)]
-    assert grant_rows(4, claims, {"rules": 3}) == {"rules": 3, "chart": 1}
-    assert grant_rows(9, claims, {"rules": 3}) == {"rules": 3, "headings": 3, "chart": 3}
 
 
 LONG = "2.43 m ± 0.04, below 0.50 m: P 0.00, begins at 0.70, ends at 0.50, and there is more to say of it than fits"
@@ -455,28 +361,9 @@ def test_the_unit_reaches_rules_events_and_what_is_told(make_record: Callable[..
     assert sum("243 cm ± 4, below 50 cm" in row for row in rows) == 3, "two rules and the event"
 
 
-def test_the_panel_of_messages_has_one_where_its_heading_is(make_record: Callable[..., CycleRecord]) -> None:
-    message = Message(topic="rule/near/state", payload='{"active": true}')
-    for height in range(8, 40):
-        rows = screen(shown(acts(make_record), messages=lambda: ((0.0, message),)), 80, height)
-        assert any("messages" in row for row in rows) <= any("rule/near/state" in row for row in rows)
-
-
 def test_what_is_told_and_the_keys_stand_at_the_top_and_the_bottom(make_record: Callable[..., CycleRecord]) -> None:
     keys = RunKeys(Loop(build(demo_configuration(), speed=None)), can_pause=True, keyboard=Everywhere(-1))
     for width, height in SIZES:
         rows = screen(shown(make_record(), narration=lambda: "it rolls", keys=keys), width, height)
         assert rows[1].strip() == "it rolls"
         assert rows[-1].split() == ["q", "quit", "?", "help", "space", "pause"]
-
-
-def test_the_screen_is_explained_in_its_place(make_record: Callable[..., CycleRecord]) -> None:
-    keys = RunKeys(Loop(build(demo_configuration(), speed=None)), keyboard=Everywhere(-1), is_explained=True)
-    rows = screen(shown(make_record(), keys=keys))
-    assert row_with("stop every output at once, and quit", rows)
-    assert not any("too-near" in row for row in rows)
-
-
-def test_without_a_keyboard_the_way_out_is_named(make_record: Callable[..., CycleRecord]) -> None:
-    keys = RunKeys(Loop(build(demo_configuration(), speed=None)))
-    assert screen(shown(make_record(), keys=keys))[-1].split() == ["Ctrl-C", "quit"]

@@ -68,12 +68,6 @@ def video(tmp_path: Path) -> Path:
     return tmp_path / "drive.avi"
 
 
-def test_a_tag_without_a_number_says_which_one_it_is(tmp_path: Path, camera) -> None:
-    cv2.imwrite(str(tmp_path / "one.png"), _scene({11: LEFT}))
-    assert "  tag 11  " in _run(tmp_path / "one.png", *camera, *TAG).stdout
-    assert json.loads(_run(tmp_path / "one.png", *camera, *TAG, "--json").stdout)["id"] == 11
-
-
 def test_several_tags_are_each_measured(two_tags: Path, camera) -> None:
     records = [json.loads(line) for line in _run(two_tags, *camera, *TAG, "--json").stdout.splitlines()]
     assert [(each["target"], each["id"], each["status"]) for each in records] == [
@@ -124,9 +118,7 @@ def test_with_one_of_both_missing_the_distance_between_them_is_unknown(two_tags:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ((*TAG, "--between", "3"), "does not name two targets"),
         ((*TAG, "--between", "3,3"), "does not name two targets"),
-        ((*TAG, "--between", "3,x"), "not the numbers of two tags"),
         ((*TAG, "--between", "3,7", "--id", "3"), "--between names two tags, --id one"),
         (("--sheet", "11in,8.5in", "--between", "a,b"), "there is no target 'a', only sheet"),
         ((*TAG, "--live", "images,paths=x.png"), "one of the two"),
@@ -148,20 +140,6 @@ def test_a_video_gives_a_line_for_each_frame_with_its_number_and_time(video: Pat
     assert result.exit_code == 0, "one frame at least shows it"
     first = _run(video, *camera, *TAG).stdout.splitlines()[0]
     assert re.match(rf"{re.escape(str(video))}  frame    0     0\.000 s  tag 3  ", first)
-
-
-def test_between_two_targets_is_said_for_each_frame(video: Path, camera) -> None:
-    lines = _run(video, *camera, *TAG, "--between", "3,7", "--json").stdout.splitlines()
-    pairs = [record for record in map(json.loads, lines) if "between" in record]
-    assert [record["frame"] for record in pairs] == [0, 1, 2]
-    assert [record["distance_m"] is None for record in pairs] == [True, True, False]
-
-
-def test_a_camera_is_measured_until_its_frames_end(two_tags: Path, camera) -> None:
-    result = _run("--live", f"images,paths={two_tags}", *camera, *TAG, "--json")
-    assert result.exit_code == 0
-    record, _ = map(json.loads, result.stdout.splitlines())
-    assert (record["status"], record["frame"], record["time_s"]) == ("measured", 0, 0.0)
 
 
 def test_a_damaged_video_is_an_error_and_does_not_stop_the_others(
@@ -226,9 +204,3 @@ def test_a_live_camera_goes_on_until_ctrl_c(camera, monkeypatch: pytest.MonkeyPa
         "note: no new frame in 0.50 s",
         "stopped after 2 frames",
     ]
-
-
-def test_pictures_that_a_run_repeats_are_measured_once_each(two_tags: Path, camera: tuple[str, str]) -> None:
-    live = f"images,paths={two_tags},rate=10 Hz,dwell=1 s,loop=true"
-    result = _run("--live", live, *TAG, "--id", "3", *camera, "--json")
-    assert len(result.output.splitlines()) == 1, result.output

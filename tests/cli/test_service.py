@@ -18,7 +18,7 @@ from support.simulated_run import LENS, SIMULATED_BALL
 
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 
-HANGS_S = 30.0
+HANGS_S = 120.0
 """Whatever has not happened by then does not happen."""
 
 WATCHDOG_S = 1.5

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import time
 from pathlib import Path
 from typing import Any
 
@@ -66,18 +65,6 @@ def test_the_demonstration_stays_as_it_is_and_nothing_is_written_beside_it(
     assert {path: path.read_bytes() for path in desk.configuration.parent.iterdir()} == before
 
 
-def test_a_text_that_is_no_toml_has_its_line(desk: Desk) -> None:
-    found = ask(desk, "check", text=HERE + "below = = 2\n")
-    assert [(each["severity"], each["line"]) for each in found["problems"]] == [("error", HERE.count("\n") + 1)]
-    assert found["words"] == []
-
-
-def test_an_error_has_the_columns_of_its_key(desk: Desk) -> None:
-    (problem,) = ask(desk, "check", text=HERE.replace("below", "bellow"))["problems"]
-    line = HERE.replace("below", "bellow").split("\n")[problem["line"] - 1]
-    assert line[problem["column"] : problem["end_column"]] == 'bellow = "1 m"'
-
-
 def test_rules_are_said_in_words_beside_their_lines(desk: Desk) -> None:
     found = ask(desk, "check", text=HERE)
     assert found["rules"] == [{"rule": "near", "line": HERE.split("\n").index("[rules.near]") + 1}]
@@ -94,14 +81,6 @@ def test_a_text_is_checked_with_a_camera_file_that_is_not_saved_and_nothing_is_w
     assert [each.name for each in folder.iterdir()] == ["stadimeter.toml"]
 
 
-def test_a_camera_file_that_was_made_meanwhile_is_seen_by_the_next_check_of_the_same_text(desk: Desk) -> None:
-    model = desk.configuration.with_name("camera.toml")
-    model.unlink()
-    assert "there is no such file" in ask(desk, "check", text=HERE)["problems"][0]["message"]
-    model.write_text(LENS)
-    assert ask(desk, "check", text=HERE)["problems"] == []
-
-
 def test_tests_are_run_on_request_and_say_what_they_got(desk: Desk) -> None:
     text = HERE + '\n[[tests]]\nname = "never"\ninput = { hover = { at = "50 cm", for = "2 s" } }\n'
     text += "expect.near = { raised = 0 }\n"
@@ -109,17 +88,6 @@ def test_tests_are_run_on_request_and_say_what_they_got(desk: Desk) -> None:
     (told,) = ask(desk, "check", text=text, tests=True)["tests"]
     assert (told["name"], told["ok"], told["line"]) == ("never", False, HERE.count("\n") + 2)
     assert "near.raised: expected 0" in told["words"]
-
-
-def test_the_appliance_is_checked_fast_enough_for_typing() -> None:
-    place = Path(__file__).parents[2] / "config" / "appliance.toml"
-    desk, text = Desk(configuration=place), place.read_text()
-    ask(desk, "check", text=text)
-    began_s = time.perf_counter()
-    found = [ask(desk, "check", text=f"{text}# {number}") for number in range(5)]
-    each_s = (time.perf_counter() - began_s) / 5
-    print(f"{1e3 * each_s:.0f} ms each")
-    assert all(found)
 
 
 def test_a_save_keeps_what_was_there_and_brings_it_back(desk: Desk) -> None:
@@ -134,14 +102,6 @@ def test_a_save_keeps_what_was_there_and_brings_it_back(desk: Desk) -> None:
     assert len(ask(desk, "configuration")["versions"]) == 2, "what was restored over is kept, too"
 
 
-def test_a_version_brings_back_the_camera_file_that_it_had_though_a_later_save_changed_that(desk: Desk) -> None:
-    ask(desk, "save", text=THERE, base_version=version(desk))
-    ask(desk, "save", text=THERE + "# more\n", base_version=version(desk), files={"camera.toml": OTHER_LENS})
-    oldest = ask(desk, "configuration")["versions"][-1]
-    ask(desk, "restore", id=oldest["id"], base_version=version(desk))
-    assert (desk.configuration.parent / "camera.toml").read_text() == LENS
-
-
 def test_a_version_that_is_no_text_hides_neither_the_others_nor_the_configuration(desk: Desk) -> None:
     desk.configuration.write_bytes(b"# f\xfcr den Ball\n")
     save_files(desk.configuration.parent, {desk.configuration.name: HERE})
@@ -149,13 +109,6 @@ def test_a_version_that_is_no_text_hides_neither_the_others_nor_the_configuratio
     found = ask(desk, "configuration")
     assert found["text"] == THERE
     assert [each["words"].partition(":")[0] for each in found["versions"]][1] == "it cannot be read"
-
-
-@pytest.mark.parametrize("name", ["my copy (1).toml", "fu\u0308r.toml", "o'clock, left.toml"])
-def test_a_configuration_of_any_usual_name_is_saved(desk: Desk, name: str) -> None:
-    other = Desk(configuration=desk.configuration.with_name(name), run_socket=desk.run_socket)
-    ask(other, "save", text=HERE, base_version="")
-    assert other.configuration.read_text() == HERE
 
 
 def test_the_second_of_two_savers_is_told_what_the_first_one_changed(desk: Desk) -> None:

@@ -21,7 +21,6 @@ from stadimeter.app.recordings.recording import ImageOptions, Recorded, Recordin
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.observation import FrameStamp, Observation
@@ -186,30 +185,6 @@ def test_a_frame_of_a_recording_has_what_was_measured_drawn_in_and_its_values(de
     json.dumps(values, allow_nan=False)
 
 
-def test_a_sheet_is_drawn_with_its_corners_as_they_were_found(desk: Desk, folder: Path) -> None:
-    corners = np.array([[12.0, 34.0], [50.0, 8.0], [10.0, 10.0], [52.0, 36.0]])  # in no order
-    found = Detection(target="sheet", status=DetectionStatus.FOUND, outline_px=corners, centre_px=(31.0, 22.0))
-    decision = Rehearsal(PLAN).see(1.0)
-    seen = Observation(now_s=0.0, frame=FrameStamp(captured_at_s=0.0, sequence=0))
-    written = CycleRecord(observation=seen, decision=decision, applied=(), timings_s={}, detections=(found,))
-    folder.mkdir()
-    writer = RecordingWriter(folder / "a.mcap", RECORDED)
-    writer.write(written, Frame(np.full((48, 64, 3), 90, np.uint8), 0.0, 0))
-    writer.close()
-    moment = read_index(folder / "a.mcap").moment(0.0)
-    (line,) = json.loads(moment.annotations)["points"]
-    around = [(point["x"] - 0.5, point["y"] - 0.5) for point in line["points"]]
-    assert sorted(around) == sorted(map(tuple, corners.tolist()))
-    lefts = [int(np.argmin([abs(x - each[0]) + abs(y - each[1]) for each in around])) for x, y in ((10, 10), (12, 34))]
-    assert abs(lefts[0] - lefts[1]) in {1, 3}, "neighbours stay neighbours"
-    image = find_operation("recorded_frame.recording_frame")(desk, {"name": "a.mcap", "at_s": 0}).attached
-    drawn = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_COLOR)
-    assert drawn is not None
-    green = (drawn[:, :, 1].astype(int) - drawn[:, :, 2]) > 50
-    assert green[33:37, 30:34].any(), "the lower edge"
-    assert not green[14:18, 30:34].any(), "nothing between the edges"
-
-
 def test_a_journal_has_no_pictures_and_says_so(desk: Desk, folder: Path) -> None:
     record(folder / "b.jsonl", 3)
     with pytest.raises(JournalError, match="has no pictures"):
@@ -220,23 +195,17 @@ def test_no_folder_of_recordings_is_an_empty_list(desk: Desk) -> None:
     assert ask(desk, "recordings.recordings")["recordings"] == []
 
 
-def test_one_recording_says_where_it_is_and_with_which_configuration_it_was_made(desk: Desk, folder: Path) -> None:
-    record(folder / "a.mcap")
-    about = ask(desk, "recordings.recording", name="a.mcap")
-    assert (about["path"], about["text"]) == (str(folder / "a.mcap"), TEXT)
-
-
 @pytest.mark.parametrize(
     "name",
     ["../stadimeter.toml", "../secret.mcap", "/etc/passwd", "", ".", "..", "a.mcap/", "a\0.mcap", "link.mcap"],
 )
-@pytest.mark.parametrize("op", ["recordings.recording", "recorded_frame.recording_frame", "recordings.delete"])
-def test_no_name_leads_out_of_the_folder(desk: Desk, folder: Path, op: str, name: object) -> None:
+def test_no_name_leads_out_of_the_folder(desk: Desk, folder: Path, name: str) -> None:
     record(folder / "a.mcap")
     record(folder.parent / "secret.mcap", 3)
     (folder / "link.mcap").symlink_to(folder.parent / "secret.mcap")
-    with pytest.raises(NotThereError):
-        ask(desk, op, name=name)
+    for op in ("recordings.recording", "recorded_frame.recording_frame", "recordings.delete"):
+        with pytest.raises(NotThereError):
+            ask(desk, op, name=name)
     assert (folder.parent / "secret.mcap").exists()
 
 
@@ -253,7 +222,7 @@ def test_a_recording_is_deleted_unless_it_is_being_written(desk: Desk, folder: P
 
 
 @pytest.mark.parametrize("ending", ["mcap", "jsonl"])
-@pytest.mark.parametrize("cycles", [0, 1, 5, 40])
+@pytest.mark.parametrize("cycles", [0, 5])
 def test_a_recording_in_progress_is_never_damaged_however_young_it_is(
     desk: Desk, folder: Path, cycles: int, ending: str
 ) -> None:
