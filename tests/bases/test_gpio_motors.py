@@ -55,18 +55,6 @@ def test_the_inputs_choose_the_direction_and_the_third_pin_the_strength() -> Non
     assert bench.levels(17, 27, 12, 23, 24, 13) == [0.0, 1.0, 1.0, 0.0, 1.0, 1.0]
 
 
-def test_without_a_third_pin_the_inputs_are_pulsed() -> None:
-    bench = Bench(left={"forward": 17, "backward": 27}, right={"forward": 23, "backward": 24})
-    bench.drive(0.4)
-    assert bench.levels(17, 27, 23, 24) == [0.6, 0.0, 0.6, 0.0]
-
-
-def test_with_a_direction_pin_low_is_backwards() -> None:
-    bench = Bench(left={"direction": 17, "pwm": 12}, right={"direction": 23, "pwm": 13})
-    bench.drive(0.0, 4.0)
-    assert bench.levels(17, 12, 23, 13) == [0.0, 0.6, 1.0, 0.6]
-
-
 def test_what_is_reported_is_what_whole_percents_make_of_it() -> None:
     """80 steps of a percent lead from the minimum duty to 0.8 m/s: 1 cm/s each."""
     bench = Bench()
@@ -88,12 +76,6 @@ def test_lgpio_is_given_exactly_the_percent_that_is_reported(lgpio: Callable[[],
         assert sent.linear_mps == pytest.approx(speed_mps)
     base.close()
     context.shared.closers.pop()()
-
-
-def test_too_fast_a_curve_is_driven_slower_and_stays_the_same_curve() -> None:
-    linear_mps, angular_radps = Bench().drive(1.0, 4.0)
-    assert linear_mps / angular_radps == pytest.approx(0.25, rel=0.02)
-    assert linear_mps + angular_radps * 0.1 == pytest.approx(0.8)
 
 
 @pytest.mark.parametrize(

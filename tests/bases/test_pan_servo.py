@@ -243,12 +243,6 @@ def test_once_it_is_opened_again_it_goes_on_from_where_it_is() -> None:
     assert bench.tilt_rad == pytest.approx(tilted_rad, abs=0.02)
 
 
-def test_from_outside_its_pulses_end_with_this_write() -> None:
-    stop = options(port="/dev/i2c-1", address=0x41).i2c_stop()
-    assert stop is not None
-    assert (stop.bus, stop.address, stop.writes) == (1, 0x41, (b"\xfd\x10",))
-
-
 @each_case(
     "table",
     [

@@ -75,29 +75,6 @@ def test_the_emulated_board_takes_these_bytes_and_answers_as_in_the_vectors(name
     assert board.timeout_s == (0.2 if "timeout" in name else math.inf)
 
 
-def test_the_emulated_board_answers_with_encoders_as_in_the_vectors() -> None:
-    board = RoboclawFirmware(ticks_per_metre=1)
-    board.left.rolled_m, board.right.rolled_m = 12528, 53212
-    assert board.receive(wire(ROBOCLAW, "read_encoders"), 0.0) == wire(ROBOCLAW, "encoders")
-
-
-@each_case("spoiled", range(8))
-def test_the_emulated_board_passes_over_a_command_with_a_wrong_bit(spoiled: int) -> None:
-    board = RoboclawFirmware()
-    frame = bytearray(wire(ROBOCLAW, "duty_50_50"))
-    frame[spoiled] ^= 4
-    board.receive(bytes(frame), 0.0)
-    assert board.left.driven_mps == 0.0
-
-
-def test_the_emulated_board_discards_a_packet_that_pauses() -> None:
-    board, frame = RoboclawFirmware(), wire(ROBOCLAW, "duty_50_50")
-    board.receive(frame[:5], 0.0)
-    assert board.receive(frame[5:], 0.011) == b""
-    board.receive(frame[:5], 1.0)
-    assert board.receive(frame[5:], 1.009) == b"\xff"
-
-
 @pytest.mark.parametrize("data", [b"", b"\x12", b"\x12\x34\x56\x78\x9a", bytes(9), bytes.fromhex("ff00")])
 def test_an_answer_behind_garbage_is_found(data: bytes) -> None:
     asked = codec()
@@ -273,24 +250,11 @@ def test_a_robot_that_rolls_backwards_past_zero_reports_it_backwards(bench: Base
     assert bench.report(base).left_m == pytest.approx(-0.6, abs=0.12)
 
 
-def test_a_battery_of_zero_is_reported_as_such(bench: BaseBench, base: SerialBase) -> None:
-    bench.firmware.battery_v = 0.0
-    bench.drive(base, 0.0, seconds=2.0)
-    assert bench.report(base).battery_v == 0.0
-
-
 def test_without_encoders_it_is_driven_by_duty_and_reports_no_travel(bench: BaseBench) -> None:
     with opened(bench, **DUTY) as base:
         bench.drive(base, 0.3)
         assert bench.wheels_mps == pytest.approx((0.3, 0.3), rel=0.02)
         assert bench.report(base).left_m is None
-
-
-def test_noise_on_the_line_is_no_lost_link(bench: BaseBench, base: SerialBase) -> None:
-    for _ in range(60):
-        bench.board.port.say(b"\x00~\xfe")
-        bench.drive(base, 0.3, seconds=0.05)
-    assert bench.wheels_mps == pytest.approx((0.3, 0.3), rel=0.02)
 
 
 def test_a_port_where_something_else_talks_is_no_roboclaw(bench: BaseBench) -> None:
@@ -304,14 +268,6 @@ def test_a_port_where_something_else_talks_is_no_roboclaw(bench: BaseBench) -> N
 def test_a_board_at_another_address_does_not_answer(bench: BaseBench) -> None:
     with pytest.raises(DeviceOpenError, match="nothing answers"):
         bench.base(address=0x81, **ENCODERS).open()
-
-
-def test_half_an_answer_and_then_silence_is_a_lost_link(bench: BaseBench, base: SerialBase) -> None:
-    bench.drive(base, 0.3)
-    bench.firmware.silent = True
-    bench.board.port.say(bytes.fromhex("000030f0"))
-    with pytest.raises(LinkLostError, match="acknowledged nothing"):
-        bench.drive(base, 0.3)
 
 
 @each_case(

@@ -15,12 +15,12 @@ from stadimeter.bases.serial_base import SerialBase
 from stadimeter.bases.serial_greeting import Greeting
 from stadimeter.config.plugins import SerialStop
 from stadimeter.core.command import TwistCommand
-from stadimeter.errors import DeviceOpenError, LinkLostError, ProtocolError
+from stadimeter.errors import DeviceOpenError, ProtocolError
 from stadimeter.simulation.emulated_port import EmulatedPort
 from stadimeter.simulation.roomba_firmware import FULL, OFF, PASSIVE, SAFE, Create1Firmware, RoombaFirmware
 from stadimeter.testing.rig import ManualClock
 from support.base_bench import BaseBench, base_bench, opened
-from support.base_vectors import vectors, wire
+from support.base_vectors import wire
 from support.each_case import each_case
 
 OI = "irobot_oi"
@@ -31,37 +31,6 @@ def started(mode: int = SAFE) -> RoombaFirmware:
     robot = RoombaFirmware()
     robot.mode = mode
     return robot
-
-
-def test_the_emulated_robot_drives_as_in_the_vectors() -> None:
-    robot = started()
-    robot.receive(wire(OI, "drive_direct_r-200_l500"), 0.0)
-    assert (robot.left.driven_mps, robot.right.driven_mps) == (0.5, -0.2)
-    robot.receive(wire(OI, "stop_drive_direct"), 0.0)
-    assert (robot.left.driven_mps, robot.right.driven_mps) == (0.0, 0.0)
-
-
-def test_the_emulated_robot_streams_as_in_the_vectors_every_15_ms() -> None:
-    robot = started()
-    assert robot.receive(wire(OI, "stream_29_13"), 0.0) == b""
-    assert robot.receive(b"", 0.014) == b""
-    frame = robot.receive(b"", 0.016)
-    assert (len(frame), sum(frame) % 256, frame[:3]) == (8, 0, wire(OI, "stream_frame_29_13")[:3])
-
-
-def test_the_emulated_robot_takes_nothing_while_its_mode_changes() -> None:
-    robot = RoombaFirmware()
-    robot.receive(wire(OI, "init_safe"), 0.0)
-    assert robot.mode == PASSIVE
-    robot.receive(b"\x83", 0.02)
-    assert robot.mode == SAFE
-
-
-@pytest.mark.parametrize("mode", [OFF, PASSIVE])
-def test_the_emulated_robot_drives_in_safe_and_full_mode_only(mode: int) -> None:
-    robot = started(mode)
-    robot.receive(wire(OI, "drive_direct_r-200_l500"), 0.0)
-    assert robot.left.driven_mps == 0.0
 
 
 def test_an_encoder_that_wraps_around_counts_on() -> None:
@@ -140,12 +109,6 @@ def test_a_robot_that_is_woken_may_report_what_was_in_between(wakings: int) -> N
     greet(late, b"", report(SAFE))
     with pytest.raises(ProtocolError, match="not in Safe mode"):
         greet(late, report(PASSIVE))
-
-
-def test_it_is_driven_in_safe_mode(bench: BaseBench, base: SerialBase) -> None:
-    assert bench.firmware.mode == SAFE
-    bench.drive(base, 0.2, 1.0)
-    assert bench.wheels_mps == pytest.approx((0.12, 0.28), rel=0.02)
 
 
 def test_nothing_stops_it_when_the_host_dies_and_it_says_so(bench: BaseBench, base: SerialBase) -> None:
@@ -251,13 +214,6 @@ def test_a_cliff_behind_a_robot_that_backs_away_is_reported_and_no_fault(bench: 
     assert bench.report(base).is_at_cliff
 
 
-def test_a_stream_that_ends_is_a_lost_link(bench: BaseBench, base: SerialBase) -> None:
-    bench.drive(base, 0.2)
-    bench.firmware.silent = True
-    with pytest.raises(LinkLostError, match="reported nothing"):
-        bench.drive(base, 0.2)
-
-
 def test_a_robot_that_drove_when_an_earlier_program_died_is_stopped_by_opening_it(bench: BaseBench) -> None:
     bench.firmware.mode = FULL
     bench.firmware.receive(wire(OI, "drive_direct_r-200_l500")[:3], 0.0)
@@ -266,13 +222,6 @@ def test_a_robot_that_drove_when_an_earlier_program_died_is_stopped_by_opening_i
         bench.clock.advance_s(1.0)
         assert bench.stands
         assert bench.firmware.mode == SAFE
-
-
-def test_a_port_where_something_else_talks_is_no_roomba(bench: BaseBench) -> None:
-    bench.firmware.silent = True
-    bench.clock.call_every(0.05, lambda _: bench.board.port.say(b"\x13OK\r\n57600\r\n"))
-    with pytest.raises(DeviceOpenError, match=r"no Roomba or Create at .* bytes without meaning"):
-        bench.base(**TABLE).open()
 
 
 def test_a_create_1_is_asked_for_what_it_has(bench: BaseBench) -> None:
@@ -316,11 +265,3 @@ def test_the_model_gives_baud_rate_and_track_width(model: str, baud: int, width_
 def test_a_table_that_cannot_be_meant_is_refused(table: dict[str, Any], message: str) -> None:
     with pytest.raises(ValidationError, match=message):
         RoombaOptions.model_validate({"port": "emulated-roomba"} | table)
-
-
-def test_every_frame_of_the_vectors_is_a_frame_of_the_emulated_robot_too() -> None:
-    """The sum of all bytes is 0 modulo 256, the header counted."""
-    for name in vectors(OI, "rx"):
-        frame = wire(OI, name).partition(b"\x13")
-        is_valid = sum(frame[1] + frame[2]) % 256 == 0
-        assert is_valid == vectors(OI)[name]["valid"], name

@@ -11,7 +11,7 @@ from stadimeter.bases.ros_arduino_base import FRAME_S, RosArduinoCodec
 from stadimeter.bases.serial_codec import BaseMessage
 from stadimeter.errors import CommandRangeError
 
-DONE, REFUSED, IDENTITY = BaseMessage(was_done=True), BaseMessage(was_done=False), BaseMessage(is_identity=True)
+DONE, IDENTITY = BaseMessage(was_done=True), BaseMessage(is_identity=True)
 
 
 @pytest.fixture
@@ -56,20 +56,6 @@ def test_a_limit_of_exactly_n_ticks_allows_n_ticks() -> None:
 
 def test_the_fork_that_puts_a_space_before_its_baud_rate_is_understood(codec: RosArduinoCodec) -> None:
     assert codec.feed(b" 57600\r\n") == [IDENTITY]
-
-
-def test_replies_back_to_back_come_in_order(codec: RosArduinoCodec) -> None:
-    assert codec.feed(b"OK\r\nInvalid Command\r\n57600\r\nOK") == [DONE, REFUSED, IDENTITY]
-
-
-def test_a_reply_counts_only_when_its_line_has_ended(codec: RosArduinoCodec) -> None:
-    assert codec.feed(b"OK") == []
-    assert codec.feed(b"\r") == [DONE]
-    assert codec.feed(b"\n") == []
-
-
-def test_encoders_are_told_in_metres() -> None:
-    assert RosArduinoCodec(1000.0).feed(b"250 -1000\r\n") == [BaseMessage(left_m=0.25, right_m=-1.0)]
 
 
 @pytest.mark.parametrize("number", [b"57600", b"250 -1000"])

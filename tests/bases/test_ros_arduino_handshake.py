@@ -120,15 +120,6 @@ def test_silence_is_an_error_after_the_time_to_boot(greet: Greet) -> None:
     assert 3.0 <= greeting.clock.now_s() < 3.5
 
 
-def test_something_that_talks_otherwise_is_told_from_silence(greet: Greet) -> None:
-    board = RosArduinoFirmware()
-    board.silent = True
-    greeting = greet(board)
-    greeting.repeat(b"$GPGGA,,,,,,0\r\n", every_s=0.5)
-    with pytest.raises(DeviceOpenError, match="bytes without meaning"):
-        greeting.run()
-
-
 @pytest.mark.parametrize("every_s", [0.1, 0.3])
 def test_something_that_sends_numbers_for_ever_is_no_base(greet: Greet, every_s: float) -> None:
     board = RosArduinoFirmware()

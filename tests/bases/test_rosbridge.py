@@ -183,25 +183,6 @@ def test_what_rosbridge_says_besides_is_passed_over(bridge: RosbridgeServer, sai
     base.close()
 
 
-def test_a_bridge_that_ends_is_a_lost_link_and_can_be_opened_again(
-    bridge: RosbridgeServer, driven: list[tuple[float, float]]
-) -> None:
-    base = base_at(bridge.url)
-    base.open()
-    bridge.stop()
-    with pytest.raises(LinkLostError, match="lost"):
-        eventually(lambda: base.tick(0.0))
-    with pytest.raises(LinkLostError):
-        base.close()
-    with pytest.raises(DeviceOpenError, match="no rosbridge answers"):
-        base.open()
-    bridge.start()
-    base.open()
-    base.apply(twist(0.2, 0.0))
-    eventually(lambda: (0.2, 0.0) in driven)
-    base.close()
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("fault", ["clog", "cut"])
 def test_a_bridge_that_hangs_or_vanishes_is_a_lost_link(bridge: RosbridgeServer, fault: str) -> None:

@@ -12,7 +12,7 @@ from stadimeter.bases.counts import SpeedSteps
 from stadimeter.bases.differential_drive import WheelSpeeds
 from stadimeter.bases.sabertooth_base import SabertoothCodec, SabertoothOptions
 from stadimeter.bases.serial_base import SerialBase
-from stadimeter.errors import LinkLostError, ProtocolError
+from stadimeter.errors import ProtocolError
 from stadimeter.simulation.sabertooth_firmware import SabertoothFirmware
 from support.base_bench import BaseBench, base_bench, opened
 from support.base_vectors import vectors, wire
@@ -54,13 +54,6 @@ def test_behind_any_bytes_a_command_is_understood(before: bytes, left: int, righ
     board.receive(drive(left, right), 0.0)
     assert board.left.driven_mps == pytest.approx(left / 127)
     assert board.right.driven_mps == pytest.approx(right / 127)
-
-
-def test_the_emulated_board_takes_no_wrong_checksum_no_other_address_and_half_a_packet() -> None:
-    board = SabertoothFirmware()
-    for data in (b"\x80\x00\x40\x41", wire(SABERTOOTH, "m1_forward_64_manual"), b"\x80\x00\x40"):
-        assert board.receive(data, 0.0) == b""
-    assert board.left.driven_mps == 0.0
 
 
 @pytest.fixture
@@ -107,24 +100,11 @@ def test_a_stop_is_sent_more_than_once_because_nothing_says_that_it_came(bench: 
     assert bench.firmware.left.driven_mps == 0.0
 
 
-def test_it_reports_nothing(bench: BaseBench, base: SerialBase) -> None:
-    bench.drive(base, 0.3)
-    assert base.report() is None
-
-
 def test_a_port_where_something_talks_is_no_sabertooth(bench: BaseBench) -> None:
     bench.clock.call_every(0.05, lambda _: bench.board.port.say(b"OK\r\n"))
     with pytest.raises(ProtocolError, match=r"Sabertooth never does"):
         bench.base(**TABLE).open()
     assert bench.stands
-
-
-def test_an_unplugged_adapter_is_noticed_at_once(bench: BaseBench, base: SerialBase) -> None:
-    bench.drive(base, 0.3)
-    bench.world.faults.base_unplugged = True
-    bench.clock.advance_s(0.01)
-    with pytest.raises(LinkLostError, match="unplugged"):
-        base.tick(bench.clock.now_s())
 
 
 @pytest.mark.parametrize(

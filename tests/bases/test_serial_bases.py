@@ -7,22 +7,19 @@ import itertools
 import json
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
-from msgspec import Struct
 from pydantic import ValidationError
 
 from stadimeter.bases.differential_drive import Motion
 from stadimeter.bases.serial_base import SerialBase
-from stadimeter.config.plugins import BASES, PORTS, DriverContext, load_driver
-from stadimeter.core.command import TwistCommand
+from stadimeter.config.plugins import BASES, load_driver
 from stadimeter.errors import DeviceOpenError, LinkLostError
-from stadimeter.simulation.emulated_base import EmulatedBoard
-from stadimeter.simulation.world import World, WorldOptions
-from stadimeter.testing.rig import ManualClock
+from support.base_bench import BaseBench, base_bench
 from support.each_case import each_case
 
 COMMON = {"track_width": "16 cm", "max_wheel_speed": "0.5 m/s"}
@@ -51,32 +48,23 @@ WITH_BATTERY = ("waveshare-ugv", "hoverboard", "openbot")
 WITH_TRAVEL = ("ros-arduino-bridge", "waveshare-ugv", "hoverboard")
 
 
-class Bench(Struct):
-    """A base and an emulated board in a simulated world, behind a real pseudo-terminal, on a clock that tests move."""
+class Bench:
+    """A base and an emulated board in a simulated world, with what was sent to the board."""
 
-    clock: ManualClock
-    context: DriverContext
-    world: World
-    board: EmulatedBoard
-    base: SerialBase
-    sent: bytearray
+    def __init__(self, bench: BaseBench, base: SerialBase) -> None:
+        self.bench, self.base, self.sent = bench, base, bytearray()
+        self.clock, self.world, self.board = bench.clock, bench.world, bench.board
+        receive = bench.firmware.receive
+        bench.firmware.receive = lambda data, now_s: [self.sent.extend(data), receive(data, now_s)][1]
 
     def command(self, linear_mps: float, angular_radps: float = 0.0) -> None:
-        now_s = self.clock.now_s()
-        self.base.apply(
-            TwistCommand(output="base", linear_mps=linear_mps, angular_radps=angular_radps, captured_at_s=now_s)
-        )
+        self.bench.command(self.base, linear_mps, angular_radps)
 
     def drive(self, linear_mps: float, angular_radps: float = 0.0, seconds: float = 1.0) -> None:
-        """Command a motion as the loop does: fresh 20 times a second, with ticks in between."""
-        for _ in range(round(seconds / 0.05)):
-            self.command(linear_mps, angular_radps)
-            self.pass_time(0.05)
+        self.bench.drive(self.base, linear_mps, angular_radps, seconds)
 
     def pass_time(self, seconds: float) -> None:
-        for _ in range(round(seconds / 0.01)):
-            self.clock.advance_s(0.01)
-            self.base.tick(self.clock.now_s())
+        self.bench.pass_time(self.base, seconds)
 
     @property
     def speed_mps(self) -> float:
@@ -93,29 +81,15 @@ MakeBench = Callable[..., Bench]
 
 
 @pytest.fixture
-def make_bench() -> Iterator[MakeBench]:
-    contexts = []
-
+def make_bench(closing: ExitStack) -> MakeBench:
     def make(kind: str, port: str | None = None, **more: Any) -> Bench:
         driver, own_port, options = KINDS[kind]
         port = port or own_port
-        clock = ManualClock()
-        context = DriverContext(name="base", clock=clock)
-        contexts.append(context)
-        world = World(WorldOptions(track_width="16 cm", ticks_per_metre=1440 / 0.20420352), clock)
-        context.share("world", lambda: world)
-        board = load_driver(PORTS, port).board(context)
-        sent = bytearray()
-        receive = board.firmware.receive
-        board.firmware.receive = lambda data, now_s: [sent.extend(data), receive(data, now_s)][1]
+        bench = closing.enter_context(base_bench(port.removeprefix("emulated-")))
         model = load_driver(BASES, driver)
-        base = model.model_validate({"port": port} | COMMON | options | more).build(context)
-        return Bench(clock=clock, context=context, world=world, board=board, base=base, sent=sent)
+        return Bench(bench, model.model_validate({"port": port} | COMMON | options | more).build(bench.context))
 
-    yield make
-    for context in contexts:
-        for close in reversed(context.shared.closers):
-            close()
+    return make
 
 
 @pytest.fixture(params=KINDS)
@@ -204,7 +178,7 @@ def test_a_robot_that_an_earlier_program_left_driving_is_stopped_by_opening(make
     first.drive(0.3)
     again = load_driver(BASES, KINDS[kind][0]).model_validate({"port": KINDS[kind][1]} | COMMON | KINDS[kind][2])
     first.base._link.close()
-    again.build(first.context).open()
+    again.build(first.bench.context).open()
     assert first.driven_mps == 0.0
 
 
