@@ -109,11 +109,6 @@ def test_an_alarm_is_in_a_clip_with_what_came_before_and_after_and_nothing_else_
     assert room.told == []
 
 
-def test_a_run_in_which_nothing_happens_writes_nothing(tmp_path):
-    assert Room(tmp_path, "").run(3) == []
-    assert [path.name for path in tmp_path.iterdir()] == ["room.toml"]
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(1000, 1006))
 def test_clips_hold_all_that_they_should_after_alarms_and_faults_and_replay_to_the_same_decisions(seed, tmp_path):
@@ -153,13 +148,6 @@ def test_a_button_of_its_own_writes_a_clip_and_any_other_if_that_is_wanted(tmp_p
     clips = room.run(4)
     told = [read_mcap(clip).clip_of for clip in clips]
     assert told == [{"kind": "button", "source": "button front", "reason": press}] * count
-
-
-def test_an_alarm_that_is_only_observed_writes_no_clip(tmp_path):
-    room = Room(tmp_path, "")
-    room.path.write_text(room.path.read_text().replace("on_delay", "observe = true\non_delay"))
-    room.loop.parts.configuration = load_configuration(room.path)
-    assert Room.run(room, 9) == []
 
 
 def test_what_the_memory_has_no_room_for_is_missing_at_the_beginning_and_said(tmp_path):
@@ -209,16 +197,6 @@ def test_the_oldest_clips_go_and_those_of_others_stay(tmp_path):
     assert sum((clips / name).stat().st_size for name in left[1:]) <= 10e6
     assert 2 < len(left) < len(names)
     assert memory.trouble() == ""
-
-
-def test_a_clip_ends_where_it_is_as_large_as_all_may_be(tmp_path):
-    memory, feed = feeding(tmp_path, max_total="10 MB")
-    path = tmp_path / "clips" / "room-20261127T000000.000Z.mcap"
-    memory.begin_clip(path, {"kind": "order"}, 0)
-    feed(1, 60)
-    assert memory.trouble() == f"clip {path.name} is not whole: it is as large as max_total"
-    assert path.stat().st_size < 12e6
-    assert not read_mcap(path).is_cut_off()
 
 
 def feeding(folder: Path, **table: str) -> tuple[BlackBoxMemory, Callable[[float, float], None]]:

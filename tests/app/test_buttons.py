@@ -70,14 +70,6 @@ def test_a_short_press_and_a_long_one_ask_for_different_things(front):
     assert front.button.commands() == ()
 
 
-def test_without_a_long_press_every_press_is_a_short_one():
-    front = Front(press="put-back", rule="near")
-    front.button.open()
-    front.press(5.0)
-    (command,) = front.button.commands()
-    assert (command.action, command.rule) == (OperatorAction.PUT_BACK, "near")
-
-
 def test_contacts_that_bounce_are_one_press(front):
     for is_down, seconds in [(True, 0.02), (False, 0.02), (True, 0.02), (False, 0.02), (True, 0.3), (False, 0.02),
                              (True, 0.02), (False, 0.3)]:  # fmt: skip
@@ -88,18 +80,6 @@ def test_contacts_that_bounce_are_one_press(front):
 def test_a_spike_on_the_wire_is_no_press(front):
     for _ in range(20):
         front.press(PERIOD_S)
-    assert front.actions() == []
-
-
-def test_presses_between_two_cycles_are_all_kept_in_their_order(front):
-    front.press(2.5)
-    front.press(0.1)
-    front.press(0.1)
-    assert front.actions() == ["shelve", "acknowledge", "acknowledge"]
-
-
-def test_nothing_happens_before_it_is_let_go(front):
-    front.touch(True, 3.0)
     assert front.actions() == []
 
 

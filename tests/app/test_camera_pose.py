@@ -17,9 +17,7 @@ from stadimeter.app.pose_reports import PoseReports
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
 from stadimeter.app.recordings.recorded_configuration import to_be_recorded
 from stadimeter.cli.main import app
-from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import CameraPose
 from support.scenes.placed import CAMERA, placed_scene
 from support.scenes.render import render
@@ -79,16 +77,6 @@ def test_a_run_finds_its_pose_and_its_journal_gives_the_same_one_again(room, tmp
     assert (note.words, note.is_good) == (unknown.reason, False)
 
 
-def test_a_run_without_such_tags_has_no_pose(room, tmp_path):
-    text = (room / "room.toml").read_text().partition("[landmarks]")[0]
-    (room / "plain.toml").write_text(text)
-    loop = Loop(build(load_configuration(room / "plain.toml"), speed=None))
-    loop.run()
-    assert loop.parts.cycle.locator is None
-    assert loop.history.seen.record.observation.camera_pose is None
-    assert "place" not in {each.what for each in live_health(loop.history, Board(), "", "").notes}
-
-
 def told(poses, step_s=0.1):
     reports = PoseReports()
     return [
@@ -140,13 +128,6 @@ def test_a_pose_that_is_not_known_is_told_as_null_with_the_reason():
     assert payload["reason"] == "no tag"
 
 
-def test_locate_prints_the_place_of_a_picture_with_its_standard_deviations(room):
-    result = CliRunner().invoke(app, ["locate", str(room / "room.png"), "--config", str(room / "room.toml")])
-    assert result.exit_code == 0, result.output
-    assert f"room.png: x {SCENE.position_m[0]:.2f}" in result.output
-    assert result.output.rstrip().endswith("by tags 10, 11, 12, 13")
-
-
 def test_locate_gives_json_and_goes_on_after_a_bad_picture(room):
     files = [str(room / name) for name in ("room.png", "empty.png", "missing.png")]
     result = CliRunner().invoke(app, ["locate", *files, "--config", str(room / "room.toml"), "--json"])
@@ -155,16 +136,6 @@ def test_locate_gives_json_and_goes_on_after_a_bad_picture(room):
     assert known["x_m"] == pytest.approx(SCENE.position_m[0], abs=0.01)
     assert (unknown["x_m"], unknown["reason"]) == (None, "no tag of a known place is in sight")
     assert "missing.png" in result.stderr
-
-
-def test_a_camera_file_in_place_of_a_configuration_is_one_line(room):
-    lens = room / "lens.toml"
-    lens.write_text(camera_file_text(CameraModel.with_focal_length(600.0, 640, 480)))
-    result = CliRunner().invoke(app, ["locate", str(room / "room.png"), "--config", str(lens)])
-    assert result.exit_code == 2
-    (line,) = [each for each in result.output.splitlines() if "error" in each]
-    assert "this is a camera file, not a configuration" in line
-    assert 'model = "lens.toml" in its [camera]' in line
 
 
 def test_locate_without_tags_says_what_to_write(room):

@@ -5,15 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from msgspec.structs import replace
 
-from stadimeter.app.certificate import (
-    Certificate,
-    Reliance,
-    Site,
-    load_certificate,
-    save_certificate,
-)
+from stadimeter.app.certificate import Certificate, Reliance, Site, load_certificate, save_certificate
 from stadimeter.app.certificate_stamp import CERTIFICATE
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.config.loader import Configuration, load_configuration
@@ -122,20 +115,6 @@ def test_another_lens_makes_it_out_of_date_and_another_rule_does_not(tmp_path):
     (outdated,) = warnings(loaded(tmp_path, text=BALL.replace("fx_px = 600.0", "fx_px = 610.0")))
     assert outdated.code == "certificate-outdated"
     assert "out of date: the camera model changed since" in outdated.message
-
-
-def test_another_size_makes_it_out_of_date(tmp_path):
-    certified(loaded(tmp_path))
-    assert warnings(loaded(tmp_path, text=BALL.replace("29,86,6", "30,86,6"))) == ()
-    (outdated,) = warnings(loaded(tmp_path, text=BALL.replace("20 cm", "21 cm")))
-    assert "the size of the target changed since" in outdated.message
-
-
-def test_a_target_that_is_gone_makes_it_useless(tmp_path):
-    configuration = loaded(tmp_path)
-    save_certificate(configuration.path, replace(certified(configuration), target="cube"), CERTIFICATE, {})
-    (gone,) = warnings(configuration)
-    assert "there is no target 'cube'" in gone.message
 
 
 @pytest.mark.parametrize("text", [b"{", b"\xff", b"[]", b'{"target": 5}', b""])

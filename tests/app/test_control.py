@@ -114,15 +114,6 @@ def test_what_cannot_be_done_is_refused_in_words(desk):
     assert "nera" in desk.said('{"op": "ack", "args": {"rule": "nera"}}').error
 
 
-def test_shelving_takes_its_time_and_its_kind(desk):
-    desk.cycle()
-    assert desk.said('{"op": "shelve", "args": {"rule": "near", "for_s": 60, "one_shot": true}}').error == ""
-    inhibits = desk.run.state.rules.steps[0].record.inhibits
-    assert inhibits.is_one_shot
-    assert inhibits.shelved_until_s == pytest.approx(desk.run.now_s + 60)
-    assert desk.said('{"op": "unshelve", "args": {"rule": "near"}}').error == ""
-
-
 def test_several_commands_in_one_cycle_each_get_their_own_answer(desk):
     desk.cycle()
     desk.ask('{"op": "take-out", "args": {"rule": "near"}}')
@@ -143,15 +134,6 @@ def test_the_status_tells_what_every_rule_does_and_why(desk):
     assert "0.60" in near["reason"]
     assert status["targets"] == [{"target": "ball", "status": "tracking", "distance_m": pytest.approx(0.6, abs=0.01)}]
     assert status["outputs"][0]["winner"] == "near"
-
-
-def test_a_rule_is_explained_as_it_is_now(desk):
-    desk.cycle()
-    explained = desk.said('{"op": "explain", "args": {"rule": "near"}}').data
-    assert explained["ago_s"] == 0.0
-    (rule,) = explained["rules"]
-    assert rule["rule"] == "near"
-    assert rule["sentence"]
 
 
 def test_a_rule_is_explained_as_it_was_a_moment_ago(desk):

@@ -13,6 +13,7 @@ from stadimeter.app.control.messages import LINE_MAX_BYTES, Reply
 from stadimeter.app.control.socket_server import CONNECTIONS_MAX, WAITING_MAX, ControlSocket
 from stadimeter.errors import ControlError
 from stadimeter.testing.rig import eventually
+from support.each_case import each_case
 
 HELLO = {"configuration": "/etc/stadimeter/run.toml", "pid": 7}
 
@@ -133,7 +134,7 @@ def test_an_answer_to_somebody_who_is_gone_is_thrown_away(control, client, conne
     assert connect(control).ask({"op": "hello"})["status"] == "ok"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("line", "expected"),
     [
         (b"open the door\n", "this is not JSON"),

@@ -98,13 +98,6 @@ def test_a_loose_contact_does_not_wear_out_the_disk(rig, monkeypatch):
     assert b"".join(writes).count(b"\n") == 120
 
 
-def test_targets_that_come_and_go_are_no_events_of_a_rule(rig):
-    rig.event(EventKind.TARGET_SEEN)
-    rig.event(EventKind.TARGET_LOST)
-    rig.log.close()
-    assert rig.lines() == []
-
-
 def test_a_reason_makes_no_line_and_commands_no_terminal(rig):
     rig.event(EventKind.FAULT, reason="gone\n2026-07-01 12:00:00 \x1b[2Jeverything is fine µ")
     rig.log.close()
@@ -220,12 +213,6 @@ def test_only_a_file_is_written(rig, make):
     rig.log.close()
     assert rig.log.trouble()
     assert Path("/etc/hostname").read_bytes() == before
-
-
-def test_a_disk_that_hangs_holds_up_neither_the_loop_nor_the_end(rig):
-    with rig.log._disk:  # the thread that writes hangs in it
-        rig.event(EventKind.RAISED)
-        rig.log.close()
 
 
 def test_the_loop_tells_it_of_reloads(rig):

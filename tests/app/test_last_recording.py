@@ -20,8 +20,6 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError
 from stadimeter.testing.rig import eventually
-from stadimeter.workbench.fleet import trial
-from stadimeter.workbench.fleet.policy import load_policy
 from stadimeter.workbench.replay.replay import read_recording, replay_run
 from support.simulated_run import SIMULATED_BALL
 
@@ -65,10 +63,9 @@ def run_room(folder: Path, frames: int) -> tuple[Path, list[str]]:
 
 @pytest.fixture(scope="module")
 def device(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the configuration of a run of 200 s, by its own clock, with a policy beside it."""
+    """Return the configuration of a run of 200 s, by its own clock."""
     path, told = run_room(tmp_path_factory.mktemp("device"), 1000)
     assert told == []
-    path.with_name("fleet.toml").write_text('allowed_signers = "signers"\nreplay = "required"\n')
     return path
 
 
@@ -83,17 +80,6 @@ def test_one_recording_follows_another_without_pictures_and_each_replays_to_the_
             times_s.append(observation.now_s)
         assert b"image" not in file.read_bytes()
     assert len(set(times_s)) == len(times_s) > 950
-
-
-@pytest.mark.long
-def test_a_fleet_tries_a_configuration_on_it_across_recordings(device, monkeypatch):
-    policy = load_policy(device.with_name("fleet.toml"))
-    monkeypatch.setattr(trial, "LAST_S", 120.0)
-    found = trial.try_out(device, policy, OWN.replace('"1 m"', '"3 m"')).differences
-    assert found is not None
-    assert found.minutes == pytest.approx(2, abs=0.1)
-    assert found.events["near"]["raised added"] >= 1
-    assert found.differing > 0.9 * found.cycles
 
 
 def test_what_is_too_old_goes_and_a_wrong_clock_fills_no_disk(tmp_path):

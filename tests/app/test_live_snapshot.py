@@ -14,7 +14,7 @@ from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.app.live.health import Board, BoardState, LiveHealth
 from stadimeter.app.live.history import WINDOW_S, DistanceSample, RunHistory, Seen
 from stadimeter.app.live.pictures import SHOWN_MAX_PX, Pictures, drawn
-from stadimeter.app.live.snapshot import LiveFeed, why
+from stadimeter.app.live.snapshot import LiveFeed
 from stadimeter.app.live.snapshot_json import REASONS_AT_ONCE, ReasonsInTurn, outline_of, samples_json, shared_json
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.watching import live_feed
@@ -23,7 +23,6 @@ from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
-from stadimeter.core.rule import AlarmRule
 from support.broker import free_port
 from support.cycle_records import cycle_record, tracked
 from support.simulated_run import SIMULATED_BALL
@@ -72,11 +71,6 @@ def prepared(folder, text=""):
     return loop, live_feed(loop)
 
 
-def test_a_run_without_a_messenger_has_no_link(tmp_path):
-    _, feed = prepared(tmp_path)
-    assert as_data(feed)["messenger"] is None
-
-
 def test_it_tells_where_messages_go_and_the_newest_of_each_topic(tmp_path):
     messenger = f'[messenger]\ndriver = "mqtt"\nport = {free_port()}\nnode = "garage"\ncommands = "all"\n'
     loop, feed = prepared(tmp_path, messenger)
@@ -113,15 +107,6 @@ def test_the_figures_are_those_of_the_cycle_and_the_outline_lies_where_the_ball_
     assert target["thresholds_m"] == sorted(target["thresholds_m"])
 
 
-def test_each_rule_says_why_as_the_terminal_and_explain_do(demonstration):
-    loop, feed = demonstration
-    for told in as_data(feed)["rules"]:
-        (rule,) = (each for each in loop.parts.configuration.plan.rules if each.name == told["rule"])
-        assert told["reason"] == why(feed.history.record.decision, rule.name)
-        assert ": P " not in told["reason"], "a probability is for explain only"
-        assert told["needs_ack"] == (isinstance(rule, AlarmRule) and rule.ack == "required")
-
-
 def test_of_many_rules_those_that_changed_say_why_at_once_and_the_others_in_turn():
     names = [f"rule-{number}" for number in range(3 * REASONS_AT_ONCE)]
     rules = tuple(RuleTrace(rule=name, status=RuleStatus.IDLE) for name in names)
@@ -142,14 +127,6 @@ def test_of_many_rules_those_that_changed_say_why_at_once_and_the_others_in_turn
         last = told(raised)
     assert "said 1" not in last.values()
     assert told(()) == {}
-
-
-def test_the_simulated_room_is_seen_from_above(demonstration):
-    loop, feed = demonstration
-    world, truth_m = as_data(feed)["run"]["world"], loop.parts.world.distance_m()
-    ball, camera = world["targets"][0], world["camera"]
-    assert math.hypot(ball["x_m"] - camera["x_m"], ball["y_m"] - camera["y_m"]) == pytest.approx(truth_m, abs=0.05)
-    assert not any(world["faults"].values())
 
 
 def test_before_the_first_cycle_there_is_little_to_tell_and_that_is_told():
@@ -348,20 +325,10 @@ def test_a_run_that_falls_behind_its_speed_is_not_well_whatever_rate_its_own_clo
     feed = LiveFeed(clock, RunHistory(real_time_s=lambda: real_s[0]))
     for number in range(90):
         frame = Frame(np.zeros((2, 2, 3), np.uint8), number / 30, number)
-        feed.history.add(
-            cycle_record(
-                number / 30,
-            ),
-            frame,
-        )
+        feed.history.add(cycle_record(number / 30), frame)
         real_s[0] += real_s_each
     health = feed.snapshot().health
     assert health.pace == pytest.approx(pace, rel=0.01)
     assert health.frame_rate_hz == pytest.approx(rate_hz, rel=0.02)
     assert ("pace" in words_of(health)) == (pace < 0.9)
     assert all(note.is_good for note in health.notes if note.what != "pace")
-
-
-def test_a_slow_pace_is_said_in_words():
-    words = words_of(LiveHealth(pace=0.331))
-    assert words["pace"] == ("33% of the speed asked for: this computer cannot keep up", False)

@@ -186,7 +186,7 @@ print(rig.loop.ending, rig.last_actions[:2])
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_stops_every_output_first_and_ends_the_run_in_order(tmp_path, number):
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT, str(tmp_path), str(Path(__file__).parent), str(int(number))],

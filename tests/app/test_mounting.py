@@ -216,15 +216,6 @@ def test_dirt_is_a_fault_of_the_lens_and_a_trouble_and_marks_no_distance(tmp_pat
     assert rig.watch.trouble() == ""
 
 
-def test_a_view_that_is_saved_anew_lets_dirt_be_learnt_anew(tmp_path, pictures, reference):
-    rig = Rig(tmp_path, reference)
-    rig.watch._dirt.words = "dirt"
-    later = msgspec.structs.replace(reference, saved_unix_s=reference.saved_unix_s + 1)
-    save_reference(rig.configuration, later)
-    rig.check(pictures["saved"])
-    assert rig.watch.mounting.dirt == ""
-
-
 def test_pictures_of_another_size_are_not_judged_and_the_reason_names_both(tmp_path, pictures, reference):
     rig = Rig(tmp_path, reference)
     rig.check([image[::2, ::2].copy() for image in pictures["saved"]])
@@ -262,11 +253,6 @@ def test_a_damaged_file_is_refused_with_its_path_and_the_remedy(tmp_path, refere
 def test_a_view_that_does_not_fit_the_camera_file_is_refused_when_it_is_saved(pictures):
     with pytest.raises(CalibrationError, match="another aspect"):
         make_reference(frames([image[:300] for image in pictures["saved"]]), LENS)
-
-
-def test_the_file_holds_no_picture(tmp_path, reference):
-    path = save_reference(tmp_path / "run.toml", reference)
-    assert path.stat().st_size < 60 * 480, "less than 60 bytes for each feature there can be"
 
 
 def test_where_the_folder_of_the_configuration_cannot_be_written_it_goes_to_the_state_of_the_service(

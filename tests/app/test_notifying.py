@@ -22,7 +22,6 @@ from stadimeter.core.rule import AlarmRule, EscalationStep, Send, Template
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.errors import DriverError
 from stadimeter.messaging.apprise_notifier import AppriseNotifier, AppriseOptions
-from stadimeter.messaging.back_off import Patience
 from stadimeter.testing.rig import eventually
 from support.simulated_run import SIMULATED_BALL
 from support.webhook_listener import HOST, WebhookListener
@@ -95,11 +94,6 @@ def test_a_title_is_one_short_line_and_a_text_is_never_empty():
     assert note.title.startswith("a b ccc")
     assert len(note.title) == 120
     assert note.body == note.title
-
-
-def test_without_a_title_it_is_the_rules_name():
-    _, ((_, note),) = sent(alarm(to_phone("x")), decision(0))
-    assert note.title == "near"
 
 
 RUN = (
@@ -183,16 +177,6 @@ def test_a_real_notification_reaches_a_real_service(tmp_path, service):
     loop.run(Limits(seconds=8))
     assert [posted["title"] for posted in service.posted] == ["near raised", "near: cleared"]
     assert not loop.troubles
-
-
-def test_a_service_that_hangs_does_not_hold_up_a_run_and_what_was_lost_is_told(tmp_path, service):
-    service.is_free.clear()
-    loop = run(tmp_path)
-    options = AppriseOptions(url=f"json://{HOST}:{service.port}/hook")
-    loop.parts.notifiers = {"phone": AppriseNotifier(options, "phone", Patience(goodbye_s=0.01))}
-    loop.run(Limits(seconds=8))
-    service.is_free.set()
-    assert loop.troubles == ["given up: 2 notifications for phone"]
 
 
 def test_a_service_that_refuses_is_said_while_running(tmp_path, service):

@@ -112,9 +112,8 @@ def test_a_status_led_blinks_while_the_program_runs_and_is_dark_when_it_was_aske
     tables = table.replace("17", "18") + table.replace("actuators.lamp", "status_led")
     light = Lamp(tmp_path, CONFIGURATION.replace(table, tables))
     try:
-        for _ in range(3):
-            eventually(lambda: light.is_on)
-            eventually(lambda: not light.is_on)
+        eventually(lambda: light.is_on)
+        eventually(lambda: not light.is_on)
         eventually(lambda: light.is_on)
     finally:
         light.program.terminate()

@@ -4,7 +4,7 @@ import pytest
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.control.messages import Reply, parse_request
-from stadimeter.app.control.reloading import Reloader, needs_restart
+from stadimeter.app.control.reloading import Reloader
 from stadimeter.app.control.requests import Control
 from stadimeter.app.control.socket_server import Asked
 from stadimeter.app.loop import Limits, Loop
@@ -164,22 +164,10 @@ def test_a_changed_world_needs_a_restart(rig):
     assert rig.run().error == "nothing was changed: restart to change [world]"
 
 
-def test_the_same_file_in_other_words_is_taken_over_without_a_trace(rig):
-    rig.change = lambda: rig.write("# a remark\n", NEAR.replace('"3 m"', '"300 cm"'))
-    answer = rig.run()
-    assert answer.data["kept"] == ("near",)
-    assert [kind for kind, _ in rig.events("near")] == ["raised"]
-
-
 def test_safety_and_tracking_are_taken_over_too(rig):
     rig.change = lambda: rig.write(NEAR, tail=TAIL + '[safety]\nmax_frame_age = "150 ms"\n')
     assert rig.run().error == ""
     assert rig.loop.parts.cycle.max_frame_age_s == 0.15
-
-
-def test_warnings_go_to_whoever_asked(rig):
-    rig.change = lambda: rig.write(NEAR.replace('"3 m"', '"3 m", deadband = "2.9 m"'))
-    assert isinstance(rig.run().data["warnings"], tuple)
 
 
 def test_two_who_ask_at_once_are_told_so(tmp_path):
@@ -196,28 +184,3 @@ def test_a_defect_in_a_check_leaves_the_run_as_it_is(rig, monkeypatch):
     monkeypatch.setattr("stadimeter.app.control.reloading.load_configuration", defect)
     assert "ZeroDivisionError: a defect" in rig.run().error
     assert set(rig.levels[10:]) == {1.0}
-
-
-def test_a_configuration_that_is_read_again_needs_no_restart(rig):
-    path = rig.path
-    assert needs_restart(load_configuration(path), load_configuration(path)) == ()
-
-
-def test_a_journal_of_a_run_that_was_reloaded_replays_to_identical_decisions(tmp_path):
-    from typer.testing import CliRunner
-
-    from stadimeter.app.recordings.journal import JournalWriter
-    from stadimeter.app.recordings.recorded_configuration import to_be_recorded
-    from stadimeter.app.recordings.recorder import Recorder
-    from stadimeter.cli.main import app
-
-    rig = Rig(tmp_path, NEAR)
-    writer = JournalWriter(tmp_path / "run.jsonl", to_be_recorded(rig.loop.parts.configuration))
-    journal = Recorder(writer, is_live=False)
-    rig.loop.listeners.append(journal)
-    rig.change = lambda: rig.write(FAR)
-    assert rig.run().error == ""
-    journal.close()
-    done = CliRunner().invoke(app, ["replay", str(tmp_path / "run.jsonl"), "--strict"])
-    assert done.exit_code == 0, done.output
-    assert "60 cycles, 60 decisions identical" in done.output

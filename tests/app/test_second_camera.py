@@ -15,14 +15,11 @@ from stadimeter.app.control.reloading import needs_restart
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
 from stadimeter.app.recordings.recorded_configuration import load_recorded, to_be_recorded
-from stadimeter.cli.explain import explain_recording
 from stadimeter.core.decision import EventKind
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import MeasurementStatus
-from stadimeter.core.rules.explaining import explain
 from stadimeter.errors import CaptureTimeoutError
 from stadimeter.perception.second_camera import TOGETHER, TOGETHER_AND_SIZE
-from stadimeter.workbench.replay.replay import read_recording, replay_run
 from support.replaying import replay
 from support.two_cameras import BESIDE, Watched, load
 
@@ -40,31 +37,8 @@ def test_a_run_measures_with_both_cameras_and_says_so(tmp_path):
 
 
 @pytest.mark.long
-def test_explain_says_which_cameras_measured_the_distance_in_the_run_and_from_its_recording(tmp_path):
-    configuration = load(tmp_path, world=GONE)
-    run = Watched(configuration, 2.5)
-    writer = JournalWriter(tmp_path / "run.jsonl", to_be_recorded(configuration))
-    run.loop.listeners.append(lambda record, _frame: writer.write(record))
-    run.run()
-    writer.close()
-
-    said = [explain(record.decision, "near").sentence for record, _ in run.cycles]
-    together = f"newest measurement of `ball`: {TOGETHER_AND_SIZE}"
-    alone = "newest measurement of `ball`: without the second camera: pictures are "
-    assert together in said[20]
-    assert alone in said[45]
-    assert together in said[-1]
-    assert "newest measurement" not in explain(run.cycles[20][0].decision, "near", with_probability=False).sentence
-
-    recording = read_recording(tmp_path / "run.jsonl")
-    assert together in explain_recording(replay_run(recording, None), "near", "0.7 s")[0].sentence
-    assert alone in explain_recording(replay_run(recording, None), "near", "1.5 s")[0].sentence
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("guess", ["8 cm", "19 cm"])
-def test_a_target_of_unknown_size_is_measured_whatever_size_is_written(tmp_path, guess):
-    size = f'=detector = "ball"\nhsv = "29,86,6:64,255,255"\ndiameter = "{guess}"\ntolerance = "unknown"'
+def test_a_target_of_unknown_size_is_measured_whatever_size_is_written(tmp_path):
+    size = '=detector = "ball"\nhsv = "29,86,6:64,255,255"\ndiameter = "8 cm"\ntolerance = "unknown"'
     run = Watched(load(tmp_path, targets_ball=size), 2.0).run()
     errors, sigmas = run.errors()
     assert len(errors) > 55

@@ -84,12 +84,7 @@ def clock(hour, *, is_right=True):
 
 @pytest.mark.parametrize(
     ("of_day", "expected"),
-    [
-        (clock(23), [("at-night", "raised")]),
-        (clock(12), []),
-        (clock(23, is_right=False), []),
-        (None, []),
-    ],
+    [(clock(23), [("at-night", "raised")]), (clock(12), []), (clock(23, is_right=False), []), (None, [])],
 )
 def test_a_rule_that_goes_by_the_time_of_day_is_told_it_if_it_is_known(tmp_path, of_day, expected):
     loop = loop_of(tmp_path, AT_NIGHT)

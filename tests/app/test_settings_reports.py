@@ -84,15 +84,6 @@ def test_what_is_set_is_published_anew_when_a_reload_changes_it_and_cleared_with
     assert told_settings(reporter, run) == [payload]
 
 
-def test_what_is_set_of_a_ramp_is_published_as_of_an_alarm():
-    run, reporter = rehearse(NEAR, FAR), Reporter(boot_id="boot")
-    run.see(3.0)
-    as_configured = {"v": 1, "thresholds": {}, "in_service": True, "observed": False}
-    assert told_settings(reporter, run, "far") == [as_configured]
-    run.tell("take-out", "far")
-    assert told_settings(reporter, run, "far") == [{**as_configured, "in_service": False}]
-
-
 def test_published_bounds_are_taken_although_they_are_rounded():
     band = replace(NEAR, condition=DistanceCondition(above_m=1.00004, below_m=2.00004))
     run = rehearse(band)

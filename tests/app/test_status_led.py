@@ -92,12 +92,6 @@ def test_every_two_states_differ_in_their_rhythm_alone():
     assert len({kind(status) for status in Status}) == len(Status) == 8
 
 
-def test_what_is_well_is_mostly_dark_and_what_is_wrong_mostly_lit():
-    share = {status: sum(status.value.level(0.01 * step) for step in range(1200)) / 1200 for status in Status}
-    assert all(share[status] < 0.25 for status in (Status.WATCHING, Status.TRACKING, Status.QUIET))
-    assert all(share[status] > 0.6 for status in (Status.HELD, Status.BLIND, Status.FAULT))
-
-
 class Light:
     """A status LED on a pin, under guard."""
 
@@ -206,12 +200,3 @@ def test_in_a_run_it_blinks_and_is_off_at_the_end(tmp_path):
     fast = [change.at_s for change in changes if 1.0 < change.at_s < 6.0]
     assert 38 <= len(fast) <= 44, "an alarm waits: eight changes a second"
     assert changes[-1].level == 0.0
-
-
-def test_trouble_with_it_is_told_by_the_run(tmp_path):
-    path = tmp_path / "run.toml"
-    path.write_text(RUN)
-    loop = Loop(build(load_configuration(path), speed=None))
-    assert loop.parts.status_led is not None
-    loop.parts.status_led.fault = "unplugged"
-    assert loop.trouble() == "status_led: unplugged"

@@ -14,7 +14,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.app.loop import RecordingSink
 from stadimeter.app.timeline import keeper
 from stadimeter.app.timeline.keeper import CYCLES_MAX, TimelineKeeper
 from stadimeter.app.timeline.rows import HIGH, LEVELS_S, LOW, MEAN, SEEN, STATES, Names, merge_rows, read_rows
@@ -57,11 +56,6 @@ class Rig:
     def rows(self, step_s: int = 1, from_s: float = 0, to_s: float = 2**32) -> np.ndarray:
         ((_, rows),) = self.read(step_s, from_s, to_s)
         return rows
-
-
-def _track(name: str, distance_m: float | None) -> Track:
-    status = TrackStatus.LOST if distance_m is None else TrackStatus.TRACKING
-    return Track(target=name, status=status, distance_m=distance_m, sigma_m=0.02)
 
 
 @pytest.fixture
@@ -151,16 +145,6 @@ def test_a_file_that_a_power_cut_shortened_is_read_up_to_there(tmp_path_factory,
     assert all((rows["figures"][:, 0, MEAN] == np.arange(1, 1 + expected)).all() for _, rows in found)
 
 
-def test_zeros_that_a_power_cut_left_at_the_end_are_no_rows(rig):
-    for _ in range(5):
-        rig.see(1.0, for_s=1.0)
-    rig.keeper.close()
-    (file,) = rig.folder.glob("*.1")
-    with file.open("ab") as more:
-        more.write(bytes(1000))
-    assert len(rig.rows()) == 5
-
-
 @pytest.mark.parametrize("jump_s", [-3600.0, 0.0, DAY_S])
 def test_another_target_a_new_day_or_a_clock_that_is_set_back_begins_a_segment(rig, jump_s):
     rig.see(1.0, for_s=1.0)
@@ -211,18 +195,6 @@ def test_a_disk_that_is_full_between_two_levels_costs_no_peak(rig, monkeypatch):
     assert sum(len(rows) for _, rows in rig.read()) == 3000
 
 
-def test_a_disk_that_stays_full_costs_the_oldest_seconds(rig, monkeypatch):
-    append = keeper.append_whole
-    monkeypatch.setattr(keeper, "SECONDS_MAX", 50)
-    monkeypatch.setattr(keeper, "append_whole", lambda *_args, **_: (_ for _ in ()).throw(OSError(errno.EIO, "broken")))
-    for _ in range(200):
-        rig.see(1.0, for_s=1.0)
-        rig.keeper.step()
-    monkeypatch.setattr(keeper, "append_whole", append)
-    rig.keeper.close()
-    assert list(rig.rows()["unix_s"]) == list(range(NOON_S + 150, NOON_S + 200))
-
-
 def test_a_disk_that_hangs_costs_the_oldest_and_not_the_memory(rig):
     for _ in range(CYCLES_MAX + 100):
         rig.see(1.0, for_s=1.0)
@@ -249,10 +221,6 @@ def test_a_file_of_something_else_is_passed_over(rig):
     (rig.folder / "folder.1").mkdir()
     (rig.folder / "odd.1").write_bytes(Names(("x",) * 3, ()).head + b"half a row")
     assert len(rig.read()) == 1
-
-
-def test_it_is_a_sink_of_the_loop_whose_trouble_is_told(rig):
-    assert isinstance(rig.keeper, RecordingSink)
 
 
 SECONDS = st.tuples(

@@ -95,10 +95,7 @@ def test_when_the_process_is_gone_nothing_moves_until_a_release_has_started_a_ne
     assert run.output.acts_since_s() is None
     (stop,) = run.link.with_stop(())
     assert isinstance(stop, OperatorCommand)
-    assert (stop.action, stop.said) == (
-        OperatorAction.STOP_OUTPUTS,
-        "by the watchdog: the watchdog process has ended",
-    )
+    assert (stop.action, stop.said) == (OperatorAction.STOP_OUTPUTS, "by the watchdog: the watchdog process has ended")
     assert run.link.with_stop(()) == ()
     assert run.link.with_stop((RELEASE,)) == (RELEASE,)
     assert run.link.pid not in {first, None}

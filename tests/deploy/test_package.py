@@ -7,8 +7,6 @@ by a stand-in. ``DEBIAN_RELEASE=trixie`` and ``DEBIAN_ARCHITECTURE=arm64`` try o
 
 from __future__ import annotations
 
-import gzip
-import json
 import os
 import shutil
 import signal
@@ -237,29 +235,6 @@ class TestInstallation:
             root.run("getent", "group", group)
         assert root.run("stat", "--format=%a %U %G", CONFIGURATION) == "640 root stadimeter\n"
         root.run("stadimeter", "check", "--elsewhere", CONFIGURATION)
-
-    def test_it_has_what_debian_asks_of_a_package(self, root):
-        share = root / "/usr/share"
-        page = gzip.decompress((share / "man/man1/stadimeter.1.gz").read_bytes()).decode()
-        assert '.SS "stadimeter calibrate distance"' in page
-        assert gzip.decompress((share / "doc/stadimeter/changelog.gz").read_bytes()).startswith(
-            f"stadimeter ({full('1.0')}) unstable; urgency=medium\n\n".encode()
-        )
-        assert (share / "doc/stadimeter/copyright").exists()
-        assert (share / "doc/stadimeter/examples/demo.toml").exists()
-        assert f"{CONFIGURATION} " in root.run("dpkg-query", "--show", "--showformat=${Conffiles}", "stadimeter")
-
-    def test_root_is_told_what_the_user_of_the_service_may_not_read(self, root):
-        check = ("stadimeter", "check", "--elsewhere")
-        assert "can be used by the user stadimeter" in root.run(*check, CONFIGURATION)
-        root.run("cp", CONFIGURATION, "/root/mine.toml")
-        root.run("chown", "root:root", CONFIGURATION)
-        root.run("chmod", "600", CONFIGURATION, "/root/mine.toml")
-        assert "permission denied" in root.try_to(*check, CONFIGURATION).stderr
-        assert "by the user" not in root.run(*check, "/root/mine.toml")
-        found = json.loads(root.try_to("stadimeter", "doctor", "--json").stdout)["checks"]
-        (configuration,) = (each for each in found if each["check"] == "configuration")
-        assert configuration["seen"].startswith(f"the service cannot use {CONFIGURATION}")
 
     def test_its_page_finds_the_run_and_checks_the_configuration(self, root, running):
         command = root.command("stadimeter", "web", CONFIGURATION, "--port", "0")

@@ -195,11 +195,7 @@ def test_a_wrong_password_is_said_in_words_and_not_repeated_in_them(start_broker
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [
-        (None, "no such file"),
-        ("", "no password on its first line"),
-        ("\nsecond line", "no password on its first line"),
-    ],
+    [(None, "no such file"), ("", "no password on its first line"), ("\nsecond line", "no password on its first line")],
 )
 def test_a_password_file_of_no_use_is_an_error_at_once(text, expected, make_messenger, tmp_path):
     password_file = tmp_path / "password"

@@ -91,36 +91,3 @@ def test_a_threshold_is_edited_saved_and_taken_over_and_the_rule_acts_on_it(page
     assert back["needs"] == "reload"
     page("POST", "run/reload")
     eventually(lambda: page.state().get("active") is False)
-
-
-def test_what_a_reload_cannot_change_needs_a_restart_which_the_page_asks_for(page: Page) -> None:
-    eventually(page.state)
-    farther = TEXT.replace('rate = "30 Hz"', 'rate = "20 Hz"').replace('below = "1 m"', 'below = "2 m"')
-    kept = page.save(farther, page("GET", "configuration")["version"])
-    assert kept["needs"] == "restart"
-    status, refused = page.answered("POST", "run/reload")
-    assert status != 200
-    assert "[camera]" in refused["error"]["message"]
-    page("POST", "run/restart")
-    eventually(lambda: page.state().get("active") is True)
-
-
-def test_a_recording_is_made_listed_shown_compared_and_deleted(page: Page) -> None:
-    pytest.importorskip("mcap", reason="the extra `record` is not installed")
-    eventually(lambda: page.state().get("active") is False)
-    begun = page("POST", "recordings", {"do": "start"})
-    listed = eventually(lambda: page("GET", "recordings")["recordings"])
-    assert [(each["name"], each["is_growing"]) for each in listed] == [(begun["file"], True)]
-    status, refused = page.answered("DELETE", f"recordings/{begun['file']}")
-    assert (status, "being recorded" in refused["error"]["message"]) == (400, True)
-    eventually(lambda: (page("GET", "recordings")["recordings"][0]["seconds"] or 0) > 1.0)
-    page("POST", "recordings", {"do": "stop"})
-    (whole,) = eventually(lambda: [each for each in page("GET", "recordings")["recordings"] if not each["is_growing"]])
-    assert whole["damage"] == ""
-    farther = TEXT.replace('below = "1 m"', 'below = "2 m"')
-    found = page("POST", f"recordings/{whole['name']}/replay-diff", {"text": farther})
-    (lane,) = found["lanes"]
-    assert lane["before"] == []
-    assert lane["after"][0]["to_s"] == pytest.approx(whole["seconds"], abs=0.1)
-    page("DELETE", f"recordings/{whole['name']}")
-    assert page("GET", "recordings")["recordings"] == []

@@ -1,8 +1,6 @@
 """What Prometheus reads at /metrics: the figures of a run that are known, and who may read them."""
 
 import asyncio
-import json
-import math
 import re
 import subprocess
 import threading
@@ -135,15 +133,6 @@ def test_the_last_distance_of_a_target_that_is_out_of_sight_is_none_of_now(run, 
         found = fresh(run, site, tracks=(tracked(status=status),))
         assert found["stadimeter_target_status", status.value, "ball"] == 1
         assert not {"stadimeter_target_distance_meters", "stadimeter_target_closing_meters_per_second"} & names(found)
-
-
-@given(value=st.sampled_from([math.nan, math.inf, -math.inf, None]))
-def test_what_is_no_number_is_absent(tmp_path_factory, value):
-    with metered_run(tmp_path_factory.mktemp("run")) as run:
-        run.cycle(tracks=(tracked(sigma_m=value),))
-        told = {name for name, *_ in json.loads(run.metrics())}
-    assert "stadimeter_target_distance_sigma_meters" not in told
-    assert "stadimeter_target_distance_meters" in told
 
 
 def test_a_loop_that_hangs_shows_its_age_and_no_figures_that_look_alive(run, site):
@@ -291,10 +280,3 @@ def test_without_a_password_there_is_no_token_to_print(tmp_path):
     done = typed("web", tmp_path / "page.toml", "--metrics-token")
     assert done.returncode == 2
     assert "without a token" in done.stderr
-
-
-def test_ten_thousand_samples_arrive_whole(run, site):
-    rules = tuple(RuleTrace(rule=f"rule-{number}", status=RuleStatus.IDLE, active=False) for number in range(1001))
-    found = fresh(run, site, rules=rules)
-    assert sum(name == "stadimeter_rule_status" for name, *_ in found) == 7007
-    assert all(found["stadimeter_rule_status", rule.rule, "idle"] == 1 for rule in rules)

@@ -72,13 +72,6 @@ def test_the_alarms_of_another_page_are_known_and_one_that_hangs_holds_no_answer
             assert "refused" in wait_for(here, nobody, "silent")["words"]
 
 
-@pytest.mark.long
-def test_a_page_that_has_no_run_says_so(tmp_path):
-    (tmp_path / "there").mkdir()
-    with served(tmp_path / "there", runs=False) as there, served(tmp_path, naming(there.url), runs=False) as here:
-        assert "no instance" in wait_for(here, there.url, "no-run")["words"]
-
-
 @pytest.mark.parametrize(
     "answer",
     [
