@@ -61,6 +61,14 @@ def path(tmp_path):
     return tmp_path / "state" / "run.sqlite3"
 
 
+@pytest.fixture
+def store(path):
+    store = AlarmStore(path)
+    store.open()
+    yield store
+    store.close()
+
+
 def written(path, *alarms):
     store = AlarmStore(path)
     store.open()
@@ -80,9 +88,7 @@ def read(path):
     return memory, store.warning
 
 
-def test_only_the_user_can_read_a_new_file_and_what_is_kept_beside_it(path):
-    store = AlarmStore(path)
-    store.open()
+def test_only_the_user_can_read_a_new_file_and_what_is_kept_beside_it(path, store):
     store.write(remembered(NEAR))
     modes = {each.name: each.stat().st_mode & 0o777 for each in path.parent.iterdir()}
     store.close()
@@ -114,9 +120,7 @@ def test_who_stopped_the_outputs_is_read_again_until_they_are_released(path):
     store.close()
 
 
-def test_of_what_was_not_delivered_only_what_came_and_what_went_is_written(path):
-    store = AlarmStore(path)
-    store.open()
+def test_of_what_was_not_delivered_only_what_came_and_what_went_is_written(path, store):
     for first, last in ((0, 0), (0, 300), (1, 301), (250, 400), (399, 400), (400, 400), (400, 402)):
         statements = []
         store._database.set_trace_callback(statements.append)
@@ -151,9 +155,7 @@ def test_rows_become_whatever_queues_became(steps):
             ]
 
 
-def test_only_what_changed_is_written(path):
-    store = AlarmStore(path)
-    store.open()
+def test_only_what_changed_is_written(path, store):
     store.write(remembered(NEAR, FAR))
     statements = []
     store._database.set_trace_callback(statements.append)
@@ -189,9 +191,7 @@ def test_a_process_that_is_killed_leaves_what_it_wrote_last(path):
 
 
 @pytest.mark.long
-def test_a_change_that_was_cut_off_by_a_power_cut_leaves_what_was_there_before(path):
-    store = AlarmStore(path)
-    store.open()
+def test_a_change_that_was_cut_off_by_a_power_cut_leaves_what_was_there_before(path, store):
     store.write(remembered(FAR))
     log = path.with_name(path.name + "-wal")
     before = log.stat().st_size
@@ -328,9 +328,7 @@ def test_a_file_of_something_else_is_put_aside_unharmed(path, content):
 
 def test_the_database_of_another_program_is_put_aside_unharmed(path):
     path.parent.mkdir()
-    with sqlite3.connect(path) as database:
-        database.execute("CREATE TABLE photos (name TEXT)")
-    database.close()
+    database_of_somebody(path)
     _, warning = read(path)
     assert "it is no state file" in warning
 
@@ -366,9 +364,7 @@ def test_a_second_run_on_the_same_file_is_refused_and_the_first_goes_on(path):
     assert read(path)[0].alarms == (NEAR,)
 
 
-def test_a_full_disk_leaves_the_file_as_it_was_and_a_later_write_succeeds(path):
-    store = AlarmStore(path)
-    store.open()
+def test_a_full_disk_leaves_the_file_as_it_was_and_a_later_write_succeeds(path, store):
     store.write(remembered(FAR))
     (pages,) = store._database.execute("PRAGMA page_count").fetchone()
     store._database.execute(f"PRAGMA max_page_count = {pages}")
@@ -393,11 +389,7 @@ def database_of_somebody(path):
     database.close()
 
 
-def words(path):
-    path.write_text("a diary\n" * 400)
-
-
-@pytest.mark.parametrize("make", [words, database_of_somebody])
+@pytest.mark.parametrize("make", [lambda path: path.write_text("a diary\n" * 400), database_of_somebody])
 def test_a_file_of_somebody_else_that_was_named_is_refused_and_stays_as_it_is(path, make):
     path.parent.mkdir()
     make(path)
@@ -408,23 +400,15 @@ def test_a_file_of_somebody_else_that_was_named_is_refused_and_stays_as_it_is(pa
     assert list(path.parent.iterdir()) == [path]
 
 
-def a_folder(path):
-    path.mkdir()
+NO_FILES = {
+    "a folder": Path.mkdir,
+    "a pipe": os.mkfifo,
+    "a loop": lambda path: path.symlink_to(path.name),
+    "a device": lambda path: path.symlink_to("/dev/zero"),
+}
 
 
-def a_pipe(path):
-    os.mkfifo(path)
-
-
-def a_loop(path):
-    path.symlink_to(path.name)
-
-
-def a_device(path):
-    path.symlink_to("/dev/zero")
-
-
-@pytest.mark.parametrize("make", [a_folder, a_pipe, a_loop, a_device])
+@pytest.mark.parametrize("make", NO_FILES.values(), ids=NO_FILES)
 @pytest.mark.parametrize("is_named", [False, True])
 def test_what_can_be_no_state_file_is_refused_without_waiting_for_it(path, make, is_named):
     path.parent.mkdir()
@@ -447,9 +431,6 @@ def test_a_file_that_may_not_be_read_is_told_plainly(path):
         AlarmStore(path, is_named=True).open()
 
 
-def test_a_file_is_known_as_ours_from_its_first_write_on(path):
-    store = AlarmStore(path)
-    store.open()
+def test_a_file_is_known_as_ours_from_its_first_write_on(path, store):
     store.write(remembered(NEAR))
     assert kind_of(path) is Kind.OURS  # though all of it is still in the log
-    store.close()

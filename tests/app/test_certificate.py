@@ -10,7 +10,7 @@ from stadimeter.app.certificate import Certificate, Reliance, Site, load_certifi
 from stadimeter.app.certificate_stamp import CERTIFICATE
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.errors import ConfigError, Problem
+from stadimeter.errors import Problem
 from stadimeter.ranging.site_fit import Placement, find_reach, fit_site
 from support.simulated_run import LENS
 
@@ -70,10 +70,6 @@ def near_of(configuration: Configuration, made: Certificate) -> Reliance:
     return found
 
 
-def test_without_a_certificate_there_is_nothing_to_say(tmp_path):
-    assert warnings(loaded(tmp_path)) == ()
-
-
 def test_a_threshold_within_what_was_measured_is_carried(tmp_path):
     configuration = loaded(tmp_path)
     made = certified(configuration)
@@ -101,14 +97,6 @@ def test_a_threshold_beyond_the_farthest_placement_is_not_carried(tmp_path, rule
     assert far.line > 0
 
 
-def test_a_deadband_smaller_than_the_scatter_is_not_carried(tmp_path):
-    rule = 'when = { below = "1 m", deadband = "1 cm", deadband_sigmas = 0 }'
-    configuration = loaded(tmp_path, f'[rules.near]\nactuator = "motor"\n{rule}\n')
-    certified(configuration, noise_m=0.02)
-    (narrow,) = warnings(configuration)
-    assert "the deadband of 1.0 cm is smaller than the scatter, ± 2.0 cm" in narrow.message
-
-
 def test_another_lens_makes_it_out_of_date_and_another_rule_does_not(tmp_path):
     certified(loaded(tmp_path))
     assert warnings(loaded(tmp_path, NEAR.replace("1 m", "2 m"))) == ()
@@ -123,21 +111,6 @@ def test_a_damaged_certificate_is_a_warning_and_no_crash(tmp_path, text):
     configuration.path.with_suffix(CERTIFICATE).write_bytes(text)
     (damaged,) = warnings(configuration)
     assert "cannot be read" in damaged.message
-
-
-def test_a_certificate_that_cannot_be_written_says_where(tmp_path):
-    configuration = loaded(tmp_path)
-    configuration.path.with_suffix(CERTIFICATE).mkdir()
-    with pytest.raises(ConfigError, match="the certificate cannot be written beside"):
-        certified(configuration)
-
-
-def test_a_deadband_of_many_sigmas_leaves_no_false_alarm_and_no_miss(tmp_path):
-    configuration = loaded(tmp_path)
-    odds = near_of(configuration, certified(configuration)).odds
-    assert odds is not None
-    assert odds[0] == pytest.approx(0.1)
-    assert max(odds[1:]) < 1e-6
 
 
 def test_readings_that_are_too_short_raise_false_alarms_and_too_long_ones_miss(tmp_path):

@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from stadimeter.app.guard import PERIOD_S, Guard, make_all_safe, retire_all
-from stadimeter.app.leased_output import BUSY_WAIT_S, FIRST_WAIT_S, MAX_WAIT_S, REST_S, LeasedOutput
+from stadimeter.app.leased_output import BUSY_WAIT_S, FIRST_WAIT_S, REST_S, LeasedOutput
 from stadimeter.core.command import LevelCommand
 from stadimeter.errors import LinkLostError
 from stadimeter.testing.rig import ManualClock
@@ -157,17 +157,6 @@ def test_a_driver_that_fails_while_it_is_made_safe_is_out_of_order(output, drive
 def test_an_error_without_words_is_named_by_its_class(output, driver):
     fail(driver, output, error=LinkLostError())
     assert output.fault == "LinkLostError"
-
-
-def test_a_driver_that_never_answers_is_tried_again_after_growing_waits(output, driver, clock):
-    Guard([output], clock).start()
-    fail(driver, output, on=("apply", "open"))
-    clock.advance_s(40.0)
-    opened_s = [call.at_s - 128.0 for call in driver.calls if call.action == "open"][1:]
-    waits_s = [after - before for before, after in zip([0.0, *opened_s], opened_s, strict=False)]
-    assert waits_s[:5] == pytest.approx([0.5, 1.0, 2.0, 4.0, 8.0], abs=2 * PERIOD_S)
-    assert max(waits_s) <= MAX_WAIT_S + 2 * PERIOD_S
-    assert output.fault == "unplugged"
 
 
 def test_a_driver_that_opens_but_refuses_its_safe_value_is_not_in_order(output, driver, clock):

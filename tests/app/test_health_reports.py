@@ -110,13 +110,13 @@ def test_a_run_is_announced_with_what_its_messenger_takes(run):
 
 def test_all_states_are_published_again_when_they_are_due(run):
     def ask(record: Any, _frame: Any) -> None:
-        if not self_asked and record.observation.now_s > 5.2:
+        if not self_asked and record.observation.now_s > 6.2:
             self_asked.append(len(run.messenger.messages))
             run.messenger.is_due = True
 
     self_asked: list[int] = []
     run.loop.listeners.append(ask)
-    run.for_s(5.5)
+    run.for_s(6.5)
     after = run.messenger.messages[self_asked[0] :]
     assert [each.topic for each in after][:6] == [
         "rule/near/state", "rule/near/availability", "rule/near/settings", "target/ball/state",

@@ -15,11 +15,10 @@ from stadimeter.app.live.health import Board, BoardState, LiveHealth
 from stadimeter.app.live.history import WINDOW_S, DistanceSample, RunHistory, Seen
 from stadimeter.app.live.pictures import SHOWN_MAX_PX, Pictures, drawn
 from stadimeter.app.live.snapshot import LiveFeed
-from stadimeter.app.live.snapshot_json import REASONS_AT_ONCE, ReasonsInTurn, outline_of, samples_json, shared_json
+from stadimeter.app.live.snapshot_json import ReasonsInTurn, outline_of, samples_json, shared_json
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.watching import live_feed
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
@@ -105,28 +104,6 @@ def test_the_figures_are_those_of_the_cycle_and_the_outline_lies_where_the_ball_
     assert across == pytest.approx([found["width_px"], found["height_px"]], rel=0.05)
     assert len(found["outline_px"]) <= 64
     assert target["thresholds_m"] == sorted(target["thresholds_m"])
-
-
-def test_of_many_rules_those_that_changed_say_why_at_once_and_the_others_in_turn():
-    names = [f"rule-{number}" for number in range(3 * REASONS_AT_ONCE)]
-    rules = tuple(RuleTrace(rule=name, status=RuleStatus.IDLE) for name in names)
-    reasons, count = ReasonsInTurn(), 0
-
-    def told(rules):
-        nonlocal count
-        count += 1
-        words = dict.fromkeys(names, f"said {count}")
-        return reasons.of(cycle_record(1.0, rules=rules, reasons=words).decision)
-
-    assert set(told(rules).values()) == {"said 1"}
-    raised = (*rules[:-1], replace(rules[-1], status=RuleStatus.ACTIVE))
-    second = told(raised)
-    assert second[names[-1]] == "said 2"
-    assert list(second.values()).count("said 2") == REASONS_AT_ONCE
-    for _ in range(4):
-        last = told(raised)
-    assert "said 1" not in last.values()
-    assert told(()) == {}
 
 
 def test_before_the_first_cycle_there_is_little_to_tell_and_that_is_told():

@@ -16,7 +16,6 @@ from stadimeter.app.control.reloading import Restarter, build_parts
 from stadimeter.app.loop import Services
 from stadimeter.errors import ControlError
 from stadimeter.testing.rig import eventually
-from support.processes import children
 from support.simulated_run import SIMULATED_BALL
 
 ROOM = (
@@ -120,14 +119,6 @@ def test_nothing_ends_if_the_file_is_wrong_and_the_answer_names_each_problem(pro
     assert ask(run.socket, "status")["safety"] == "active"
     run.configuration.write_text(ROOM)
     assert ask(run.socket, "restart", wait_s=20) == {"words": "restarting"}
-
-
-@pytest.mark.long
-def test_a_run_says_how_to_open_its_page_and_starts_none(program):
-    run = program(f"{ROOM}\n[web]\n")
-    assert eventually(lambda: "the page: sudo systemctl enable --now stadimeter-web" in run.said()), run.said()
-    assert children(run.process.pid) == []
-    run.end()
 
 
 def test_a_run_whose_end_is_asked_for_while_a_restart_is_checked_begins_anew_no_more():

@@ -238,15 +238,6 @@ def test_those_who_want_the_same_picture_get_the_same_bytes_and_it_is_encoded_on
     assert len(pictures) == len(encoded) == 1
 
 
-def test_a_frame_is_looked_for_when_the_loop_is_expected_to_be_done_with_it(watched):
-    for number in range(20):
-        stamp = FrameStamp(sequence=number, captured_at_s=number * 0.04)
-        watched.feed.history.add(cycle_record(number * 0.04, frame=stamp), None)
-    watched.feed.history.frame_at_s = 100.0
-    assert watched.subscriptions._after_frame_s(100.085) == pytest.approx(100.12, abs=0.003)
-    assert watched.subscriptions._after_frame_s(99.0) == pytest.approx(100.0, abs=0.003)
-
-
 @pytest.mark.long
 def test_connections_that_say_nothing_do_not_push_out_a_subscription_that_is_slow_to_read(watched):
     watched.image = np.random.default_rng(1).integers(0, 255, (480, 640, 3), np.uint8)  # it is written for long

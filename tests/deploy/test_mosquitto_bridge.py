@@ -14,7 +14,6 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
-from stadimeter.testing.rig import eventually
 from support.broker import HOST, BrokerAccess, MosquittoBroker
 from support.command_line import typed
 from support.mqtt_listener import MqttListener
@@ -101,22 +100,6 @@ def test_the_centre_sees_the_devices_of_a_site_and_for_how_long_their_states_are
         assert state.is_retained
         assert state.expires_s is not None
         assert state.expires_s <= 10
-
-
-@pytest.mark.long
-def test_fleet_at_the_centre_shows_the_site(centre, device, tmp_path):
-    (tmp_path / "password").write_text(PASSWORD)
-    login = ("--host", HOST, "--port", centre.port, "--username", "hall", "--password-file", tmp_path / "password")
-    say(device, "availability", "online", retain=True)
-    say(device, "rule/near/state", {"active": True, "severity": "alarm", "reason": "0.48 m"}, retain=True)
-
-    def found() -> dict[str, object]:
-        record: dict[str, object] = json.loads(typed("fleet", *login, "--json", "--wait", "1 s").stdout)
-        return record
-
-    eventually(lambda: found()["alarms"], within_s=WAIT_S)
-    (alarm,) = found()["alarms"]  # type: ignore[misc]
-    assert (alarm["device"], alarm["rule"], alarm["severity"]) == ("hall/press", "near", "alarm")
 
 
 def test_a_request_of_the_centre_reaches_a_device_and_its_answer_comes_back(centre, device, tmp_path):

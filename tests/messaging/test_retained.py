@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 
 import pytest
 from hypothesis import given
@@ -18,9 +17,6 @@ from support.mqtt_listener import MqttListener
 
 BASE = "stadimeter/it"
 PAGE = f"{BASE}/retained/it/0"
-
-Listen = Callable[..., MqttListener]
-MakeMessenger = Callable[..., PahoMessenger]
 
 
 def state(rule: str) -> Message:
@@ -170,16 +166,6 @@ def test_a_login_that_may_write_only_publishes_as_before(broker, start_broker, m
     strict = start_broker(acl=f"topic write {BASE}/#\n")
     messenger = ran(make_messenger(strict.port), "near")
     assert (messenger.trouble(), messenger.given_up) == ("", 0)
-
-
-@pytest.mark.long
-def test_a_list_of_hundreds_of_rules_fits_into_packets_that_are_read(broker, make_messenger, listen):
-    names = [f"the-rule-of-number-{number}" for number in range(300)]
-    ran(make_messenger(broker.port), *names).close()
-    witness = listen(broker.port)
-    ran(make_messenger(broker.port), names[0])
-    for name in names[1:]:
-        witness.wait_for(f"{BASE}/rule/{name}/state", "")
 
 
 @given(

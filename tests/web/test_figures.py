@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import stadimeter
-from benchmarks.page_in_browser import delays_ms, first_picture_ms, kept, loaded_bytes, old_after_ms, p95
+from benchmarks.page_in_browser import kept, loaded_bytes, old_after_ms
 from support.browser import Served, served, tab
 
 STATIC = Path(stadimeter.__file__).parent / "web" / "static"
@@ -34,27 +34,6 @@ def idle_enough() -> None:
     """Skip a test of delays where other programs have taken the processors: it would measure them."""
     if os.getloadavg()[0] > 4 * (os.cpu_count() or 1):
         pytest.skip("this computer is too busy to measure delays: four programs wait for each processor")
-
-
-def cut(values: list[float], parts: int) -> list[list[float]]:
-    """Cut into equal parts, one after the other: what else the machine does spoils one of them, not each."""
-    size = len(values) // parts
-    return [values[part * size : (part + 1) * size] for part in range(parts)]
-
-
-@pytest.mark.usefixtures("idle_enough")
-def test_a_frame_is_on_the_screen_within_150_ms(browser, here):
-    with tab(browser) as page:
-        page.goto(f"{here.url}/#live")
-        delays = delays_ms(page, 20)
-        assert len(delays) > 100
-        assert min(p95(quarter) for quarter in cut(delays, 4)) <= 150
-
-
-@pytest.mark.usefixtures("idle_enough")
-def test_the_first_picture_comes_within_a_second(browser, here):
-    with tab(browser) as page:
-        assert min(first_picture_ms(page, here.url) for _ in range(3)) <= 1000
 
 
 @pytest.mark.usefixtures("idle_enough")
