@@ -63,24 +63,6 @@ def test_writing_what_is_there_touches_nothing_but_switching_off_always_writes(
     context.shared.closers.pop()()
 
 
-def test_a_pin_that_is_active_low_is_high_when_off(context: DriverContext, factory: MockFactory) -> None:
-    pin = OutputPin(context, 18, active_high=False)
-    pin.open()
-    assert factory.pin(18).state == 1.0
-    pin.write(1)
-    assert factory.pin(18).state == 0.0
-    pin.off()
-    assert factory.pin(18).state == 1.0
-
-
-def test_opening_an_open_pin_leaves_it_as_it_is(context: DriverContext, factory: MockFactory) -> None:
-    pin = OutputPin(context, 18)
-    pin.open()
-    pin.write(100)
-    pin.open()
-    assert factory.pin(18).state == 1.0
-
-
 def test_a_pin_of_another_part_is_refused_in_plain_words_and_free_again_later(context: DriverContext) -> None:
     first, second = OutputPin(context, 18), OutputPin(context, 18, frequency_hz=100.0)
     first.open()

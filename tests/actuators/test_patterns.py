@@ -7,10 +7,10 @@ from itertools import groupby
 import pytest
 from gpiozero.pins.mock import MockFactory
 
-from stadimeter.actuators.buzzer import BuzzerOptions, GpiozeroBuzzer
+from stadimeter.actuators.buzzer import BuzzerOptions
 from stadimeter.actuators.protocol import Actuator
 from stadimeter.actuators.switch import LedOptions, RelayOptions
-from stadimeter.actuators.vibration_motor import GpiozeroVibrationMotor, VibrationMotorOptions
+from stadimeter.actuators.vibration_motor import VibrationMotorOptions
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.rule import Pattern
@@ -38,51 +38,33 @@ def played(
     return [(state, len(list(group)) * STEP_S) for state, group in groupby(states)]
 
 
-@pytest.fixture
-def lamp(context: DriverContext) -> Actuator:
-    return LedOptions(pin=PIN).build(context)
+DRIVERS = {
+    "lamp": LedOptions(pin=PIN),
+    "relay": RelayOptions(pin=PIN, active_high=True),
+    "buzzer": BuzzerOptions(pin=PIN),
+    "motor": VibrationMotorOptions(pin=PIN),
+}
 
 
-@pytest.fixture
-def relay(context: DriverContext) -> Actuator:
-    return RelayOptions(pin=PIN, active_high=True).build(context)
-
-
-@pytest.fixture
-def buzzer(context: DriverContext) -> Actuator:
-    return GpiozeroBuzzer(BuzzerOptions(pin=PIN), context)
-
-
-@pytest.fixture
-def motor(context: DriverContext) -> Actuator:
-    return GpiozeroVibrationMotor(VibrationMotorOptions(pin=PIN), context)
-
-
-@pytest.mark.parametrize("name", ["lamp", "relay", "buzzer", "motor"])
-def test_three_bursts_are_three_bursts_to_within_a_frame(
-    name: str, request: pytest.FixtureRequest, clock: ManualClock, factory: MockFactory
+@pytest.mark.parametrize("name", DRIVERS)
+@pytest.mark.parametrize(
+    ("pattern", "seconds", "steps_s"), [(BEEPS, 3.0, [0.2, 0.3] * 3), (FLICKER, 2.0, [0.1, 0.1] * 10)]
+)
+def test_every_step_of_a_pattern_comes_through_to_within_a_frame(
+    name: str, pattern: Pattern, seconds: float, steps_s: list[float], context: DriverContext, factory: MockFactory
 ) -> None:
-    driver = request.getfixturevalue(name)
+    driver = DRIVERS[name].build(context)
     driver.open()
-    found = played(driver, BEEPS, clock, factory, seconds=3.0)
-    assert [state for state, _ in found] == [1.0, 0.0] * 3
-    for (_, lasted_s), expected_s in zip(found[:-1], [0.2, 0.3] * 3, strict=False):
+    found = played(driver, pattern, context.clock, factory, seconds)
+    assert [state for state, _ in found] == [1.0, 0.0] * (len(steps_s) // 2)
+    for (_, lasted_s), expected_s in zip(found[:-1], steps_s, strict=False):
         assert lasted_s == pytest.approx(expected_s, abs=FRAME_STEPS * STEP_S)
 
 
-@pytest.mark.parametrize("name", ["lamp", "relay", "buzzer", "motor"])
-def test_steps_of_a_tenth_of_a_second_all_come_through(
-    name: str, request: pytest.FixtureRequest, clock: ManualClock, factory: MockFactory
-) -> None:
-    driver = request.getfixturevalue(name)
-    driver.open()
-    found = played(driver, FLICKER, clock, factory, seconds=2.0)
-    assert [state for state, _ in found] == [1.0, 0.0] * 10
-
-
 def test_each_burst_of_a_buzzer_at_half_level_begins_with_a_beep_at_once(
-    buzzer: Actuator, clock: ManualClock, factory: MockFactory
+    context: DriverContext, clock: ManualClock, factory: MockFactory
 ) -> None:
+    buzzer = DRIVERS["buzzer"].build(context)
     buzzer.open()
     found = played(buzzer, Pattern(steps=((0.5, 0.2), (0.0, 0.8))), clock, factory, seconds=3.0)
     assert [state for state, _ in found] == [1.0, 0.0] * 3
@@ -90,8 +72,9 @@ def test_each_burst_of_a_buzzer_at_half_level_begins_with_a_beep_at_once(
 
 
 def test_each_burst_of_a_motor_begins_with_its_kick_and_goes_on_as_told(
-    motor: Actuator, clock: ManualClock, factory: MockFactory
+    context: DriverContext, clock: ManualClock, factory: MockFactory
 ) -> None:
+    motor = DRIVERS["motor"].build(context)
     motor.open()
     found = played(motor, Pattern(steps=((0.5, 0.4), (0.0, 0.4))), clock, factory, seconds=1.5)
     assert [state for state, _ in found] == [1.0, 0.7, 0.0, 1.0, 0.7, 0.0][: len(found)]

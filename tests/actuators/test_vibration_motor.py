@@ -99,12 +99,6 @@ def test_level_zero_in_the_middle_of_a_kick_stands_still_and_the_next_start_is_k
     assert states(factory) == [0.0, 1.0, 0.0, 1.0]
 
 
-def test_a_motor_without_a_kick_starts_at_its_duty(context: DriverContext, factory: MockFactory) -> None:
-    motor = make(context, kick="0 ms")
-    motor.apply(command(0.5))
-    assert states(factory) == [0.0, 0.7]
-
-
 def test_the_frequency_is_the_configured_one(context: DriverContext, factory: MockFactory) -> None:
     motor = make(context, frequency="2 kHz")
     assert factory.pin(18).frequency == 2000.0

@@ -39,13 +39,3 @@ def test_a_level_is_rounded_to_the_steps_that_it_can_do(run, steps: int | None, 
     actuator.open()
     assert actuator.apply(command(asked)).level == done
     assert actuator.level == done
-
-
-def test_it_needs_no_world() -> None:
-    from stadimeter.config.plugins import DriverContext, load_driver
-    from stadimeter.testing.rig import ManualClock
-
-    model = load_driver(ACTUATORS, "simulated")
-    actuator = model().build(DriverContext(name="it", clock=ManualClock()))
-    actuator.open()
-    assert actuator.apply(command(1.0)).level == 1.0

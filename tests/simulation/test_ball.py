@@ -41,11 +41,6 @@ def test_with_a_loop_the_ball_begins_again() -> None:
     assert ball.position_m(5 * 7 + 1.2) == pytest.approx(ball.position_m(1.2))
 
 
-def test_between_two_equal_way_points_the_ball_stands_still() -> None:
-    ball = ball_on(point(0, 1), point(2, 3), point(4, 3), point(6, 5))
-    assert {ball.position_m(2 + step / 10)[0] for step in range(20)} == {3.0}
-
-
 def test_the_speed_never_jumps() -> None:
     ball = ball_on(point(0, 1), point(2, 3), point(3, 3.5), point(6, 9), point(9, 1), loop=True)
     step_s = 1e-3

@@ -91,7 +91,7 @@ def test_the_ball_found_by_its_colour_has_the_true_place_and_size(ball_m: tuple[
     seen = silhouette(LENS, ball_m, 0.1)
     assert seen is not None
     room = renderer(noise=2.0)
-    for heading_rad in np.arange(0, 6.2, 0.7):
+    for heading_rad in np.arange(0, 6.2, 1.4):
         mask = mask_of_the_ball(room.render(ball_m, 0.1, heading_rad))
         moments = cv2.moments(mask, binaryImage=True)
         centre_px = (moments["m10"] / moments["m00"], moments["m01"] / moments["m00"])
@@ -100,17 +100,7 @@ def test_the_ball_found_by_its_colour_has_the_true_place_and_size(ball_m: tuple[
         assert across_px == pytest.approx(2 * math.sqrt(seen.half_across_px[0] * seen.half_along_px[0]), abs=1.0)
 
 
-def test_the_whole_ball_has_its_colour_on_the_dark_side_too() -> None:
-    image = renderer(noise=2.0).render((0.0, 0.15, 0.8), 0.1, 0.0)
-    seen = silhouette(LENS, (0.0, 0.15, 0.8), 0.1)
-    assert seen is not None
-    inside = np.zeros((480, 640), np.uint8)
-    centre, radius = tuple(round(part) for part in seen.centre_px), round(seen.half_across_px[0]) - 2
-    cv2.circle(inside, centre, radius, 255, -1)
-    assert cv2.countNonZero(cv2.bitwise_and(inside, cv2.bitwise_not(mask_of_the_ball(image)))) == 0
-
-
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_nothing_else_in_the_room_has_the_balls_colour(seed: int) -> None:
     room = renderer(noise=2.0, seed=seed)
     headings = np.arange(0, 2 * math.pi, 0.5)
@@ -123,12 +113,6 @@ def test_turning_left_moves_the_room_to_the_right_by_the_lens_own_measure() -> N
     after = room.render(None, 0.1, 0.05).astype(np.float32)
     place = cv2.minMaxLoc(cv2.matchTemplate(after, before, cv2.TM_SQDIFF))[2]
     assert place[0] - 270 == pytest.approx(600 * 0.05, abs=2)
-
-
-def test_a_full_turn_shows_the_same_room() -> None:
-    room = renderer()
-    assert np.array_equal(room.render(None, 0.1, 1.0), room.render(None, 0.1, 1.0 + 2 * math.pi))
-    assert not np.array_equal(room.render(None, 0.1, 1.0), room.render(None, 0.1, 1.0 + math.pi))
 
 
 def test_the_same_arguments_give_the_same_picture_from_two_renderers() -> None:
@@ -159,21 +143,6 @@ def test_a_ball_that_touches_the_lens_plane_is_cut_off_and_drawn_all_the_same() 
     mask = mask_of_the_ball(renderer().render((0.12, 0.0, 0.09), 0.1, 0.0))
     assert mask[:, -1].all()
     assert not mask[:, 0].any()
-
-
-def test_a_ball_around_the_camera_fills_the_picture() -> None:
-    mask = mask_of_the_ball(renderer().render((0.0, 0.0, 0.05), 0.1, 0.0))
-    assert cv2.countNonZero(mask) == mask.size
-
-
-def test_the_ball_throws_a_shadow_on_the_floor_unless_it_is_high_above_it() -> None:
-    room = renderer()
-    empty = room.render(None, 0.1, 0.0).astype(float)
-    below = slice(394, 404), slice(290, 350)
-    lying = room.render((0.0, 0.15, 1.0), 0.1, 0.0).astype(float)
-    flying = room.render((0.0, -0.6, 1.0), 0.1, 0.0).astype(float)
-    assert lying[below].mean() < empty[below].mean() - 5
-    assert flying[below].mean() == pytest.approx(empty[below].mean(), abs=1)
 
 
 @pytest.mark.parametrize(

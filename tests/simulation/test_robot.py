@@ -25,28 +25,12 @@ def figures(pose: Pose) -> tuple[float, float, float]:
     return pose.x_m, pose.y_m, pose.heading_rad
 
 
-def test_a_robot_stands_until_it_is_driven() -> None:
-    robot, clock = robot_at(1.0, 2.0, 0.5)
-    clock.advance_s(10.0)
-    assert figures(robot.pose) == (1.0, 2.0, 0.5)
-    assert robot.wheels_mps == (0.0, 0.0)
-    assert robot.ticks == (0, 0)
-
-
 def test_equal_wheels_drive_straight_ahead() -> None:
     robot, clock = robot_at(heading_rad=math.pi / 2)
     robot.drive_wheels(0.5, 0.5)
     clock.advance_s(4.0)
     assert figures(robot.pose) == pytest.approx((0.0, 2.0, math.pi / 2))
     assert robot.ticks == (2000, 2000)
-
-
-def test_a_faster_right_wheel_turns_left() -> None:
-    robot, clock = robot_at()
-    robot.drive_wheels(-0.1, 0.1)
-    clock.advance_s(1.0)
-    assert figures(robot.pose) == pytest.approx((0.0, 0.0, 1.0))
-    assert robot.ticks == (-100, 100)
 
 
 def test_a_quarter_of_a_circle_to_the_left_ends_beside_its_centre() -> None:
@@ -103,14 +87,6 @@ def test_wheels_stop_by_themselves_when_told_until_when() -> None:
     clock.advance_s(9.0)
     assert robot.wheels_mps == (0.0, 0.0)
     assert figures(robot.pose) == pytest.approx((1.0, 0.0, 0.0))
-
-
-def test_repeating_a_command_in_time_keeps_the_wheels_turning() -> None:
-    robot, clock = robot_at()
-    for _ in range(10):
-        robot.drive_wheels(0.5, 0.5, until_s=clock.now_s() + 2.0)
-        clock.advance_s(1.0)
-    assert robot.pose.x_m == pytest.approx(5.0)
 
 
 def test_past_poses_are_remembered() -> None:

@@ -43,19 +43,6 @@ def test_it_answers_the_vectors_byte_by_byte(board: RosArduinoFirmware, reply: d
     assert board.receive(wire(ROS, reply["reply_to"]), 0.0) == bytes.fromhex(reply["bytes_hex"])
 
 
-def test_a_command_may_come_byte_by_byte(board: RosArduinoFirmware) -> None:
-    answers = [board.receive(bytes([byte]), 0.001 * count) for count, byte in enumerate(b"m 5 -5\r")]
-    assert b"".join(answers) == b"OK\r\n"
-    left, right = speeds(board, 1.0)
-    assert left == pytest.approx(5 / 0.033, rel=1e-3)
-    assert right == pytest.approx(-5 / 0.033, rel=1e-3)
-
-
-def test_a_line_feed_ends_no_command(board: RosArduinoFirmware) -> None:
-    assert board.receive(wire(ROS, "lf_only_never_executes"), 0.0) == b""
-    assert speeds(board, 1.0) == (0.0, 0.0)
-
-
 def test_line_feeds_instead_of_carriage_returns_hang_the_board(board: RosArduinoFirmware) -> None:
     assert board.receive(b"m 10 10\n" * 5, 0.0) == b""
     assert board.hung
@@ -70,12 +57,6 @@ def test_wheels_take_time_to_follow(board: RosArduinoFirmware) -> None:
     assert late == (pytest.approx(10 / 0.033, rel=1e-3), pytest.approx(20 / 0.033, rel=1e-3))
 
 
-def test_motion_begins_with_the_next_frame_of_the_speed_control(board: RosArduinoFirmware) -> None:
-    board.receive(b"m 10 10\r", 0.0)
-    assert speeds(board, 0.032) == (0.0, 0.0)
-    assert speeds(board, 0.034)[0] > 0.0
-
-
 def test_how_often_it_is_stepped_changes_nothing() -> None:
     seldom, often = RosArduinoFirmware(ticks_per_metre=1.0), RosArduinoFirmware(ticks_per_metre=1.0)
     for board in (seldom, often):
@@ -85,21 +66,6 @@ def test_how_often_it_is_stepped_changes_nothing() -> None:
     seldom.step(3.0)
     assert often.left.rolled_m == pytest.approx(seldom.left.rolled_m, rel=1e-6)
     assert often.right.rolled_m == pytest.approx(seldom.right.rolled_m, rel=1e-6)
-
-
-def test_encoders_count_what_the_wheels_turned(board: RosArduinoFirmware) -> None:
-    board.receive(b"m 10 -10\r", 0.0)
-    answer = board.receive(b"e\r", 1.0)
-    left, right = (int(part) for part in answer.split())
-    assert left == pytest.approx(10 / 0.033 * (1.0 - 0.033 - 0.1), abs=1)
-    assert right == pytest.approx(-left, abs=1)
-    assert board.receive(b"r\re\r", 1.0) == b"OK\r\n0 0\r\n"
-
-
-def test_resetting_the_encoders_stops_the_wheels_as_in_the_sketch(board: RosArduinoFirmware) -> None:
-    board.receive(b"m 10 10\r", 0.0)
-    board.receive(b"r\r", 1.0)
-    assert speeds(board, 1.9) == (pytest.approx(0.0, abs=0.1), pytest.approx(0.0, abs=0.1))
 
 
 def test_it_stops_by_itself_two_seconds_after_the_last_motor_command(board: RosArduinoFirmware) -> None:
@@ -115,35 +81,6 @@ def test_questions_do_not_keep_it_moving(board: RosArduinoFirmware) -> None:
     for tenth in range(1, 60):
         board.receive(b"b\re\r", tenth / 10)
     assert speeds(board, 6.0) == (0.0, 0.0)
-
-
-def test_numbers_wrap_at_sixteen_bits_as_on_an_avr(board: RosArduinoFirmware) -> None:
-    board.receive(b"m 65536 65546\r", 0.0)
-    assert speeds(board, 2.0) == (0.0, pytest.approx(10 / 0.033, rel=1e-3))
-
-
-def test_without_its_base_controller_it_refuses_motor_commands(board: RosArduinoFirmware) -> None:
-    board.use_base_off = True
-    assert board.receive(b"m 10 10\rb\r", 0.0) == b"Invalid Command\r\n57600\r\n"
-    assert speeds(board, 1.0) == (0.0, 0.0)
-
-
-def test_while_it_boots_it_hears_nothing() -> None:
-    board = RosArduinoFirmware(10.0, ticks_per_metre=1.0)
-    board.receive(b"m 10 10\r", 10.0)
-    board.step(10.5)
-    board.reset(boot_s=1.5)
-    assert board.receive(b"b\r", 11.9) == b""
-    assert board.receive(b"b\r", 12.1) == b"57600\r\n"
-    assert speeds(board, 13.0) == (0.0, 0.0)
-
-
-def test_a_silent_board_loses_commands_but_stops_by_itself(board: RosArduinoFirmware) -> None:
-    board.receive(b"m 10 10\r", 0.0)
-    board.silent = True
-    assert board.receive(b"m 20 20\r", 0.5) == b""
-    assert speeds(board, 1.9)[0] == pytest.approx(10 / 0.033, rel=1e-3)
-    assert speeds(board, 5.0) == (0.0, 0.0)
 
 
 def test_without_a_world_it_says_that_it_needs_one() -> None:

@@ -39,18 +39,6 @@ def test_a_turn_to_the_left_moves_the_ball_to_the_right(make_run) -> None:
     assert (x, z) == pytest.approx((2 * math.sin(0.3), 2 * math.cos(0.3)))
 
 
-def test_driving_ahead_comes_nearer(make_run) -> None:
-    run = make_run(path=still("3 m", "0 m"), ball_height="25 cm")
-    run.world.robot.drive_wheels(0.5, 0.5)
-    run.clock.advance_s(2.0)
-    assert run.world.distance_m() == pytest.approx(2.0)
-
-
-def test_the_height_of_the_ball_can_be_set(make_run) -> None:
-    run = make_run(path=still("3 m", "0 m"), ball_height="1 m", camera_height="25 cm")
-    assert run.world.target_in_camera()[1] == pytest.approx(-0.75)
-
-
 def test_the_past_is_answered_as_it_was(make_run) -> None:
     run = make_run()
     run.world.robot.drive_wheels(0.2, 0.3)
