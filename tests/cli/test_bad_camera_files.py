@@ -7,19 +7,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from stadimeter.cli.main import app
+from support.command_line import Typed, typed
 
 GOOD = "width_px = 640\nheight_px = 480\nfx_px = 600.0\n"
 SHEET = ("--sheet", "11in,8.5in")
 
 
-def _run(*arguments: object) -> Result:
-    result = CliRunner().invoke(app, list(map(str, arguments)))
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+def _run(*arguments: object) -> Typed:
+    return typed(*arguments)
 
 
 @pytest.fixture
@@ -54,7 +50,7 @@ def test_a_camera_file_that_cannot_be_right_is_one_line(picture: Path, tmp_path:
     file = tmp_path / "camera.toml"
     file.write_text(text, encoding="utf-8")
     result = _run("measure", picture, "--camera", file, *SHEET)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert result.stdout == ""
     (line,) = result.stderr.splitlines()
     assert line.startswith(f"error: {file}")
@@ -65,7 +61,7 @@ def test_the_shortest_lenses_and_long_telescopes_are_cameras_too(picture: Path, 
     file = tmp_path / "camera.toml"
     for focal_px in ("20.0", "600000.0"):
         file.write_text(GOOD.replace("600.0", focal_px), encoding="utf-8")
-        assert _run("measure", picture, "--camera", file, *SHEET).exit_code < 2
+        assert _run("measure", picture, "--camera", file, *SHEET).returncode < 2
 
 
 def test_a_picture_that_is_given_twice_is_refused_since_it_tells_nothing_more(picture: Path, tmp_path: Path) -> None:
@@ -73,7 +69,7 @@ def test_a_picture_that_is_given_twice_is_refused_since_it_tells_nothing_more(pi
     for distances in (("30in", "30in"), ("30in", "60in")):
         given = [f"{picture}@{distance}" for distance in distances]
         result = _run("calibrate", "distance", *given, *SHEET, "-o", output)
-        assert result.exit_code == 2
+        assert result.returncode == 2
         assert f"{picture} is given twice" in result.stderr
         assert not output.exists()
 
@@ -82,7 +78,7 @@ def test_a_picture_that_is_given_twice_is_refused_since_it_tells_nothing_more(pi
 def test_a_distance_that_no_lens_explains_writes_nothing(picture: Path, tmp_path: Path, distance: str) -> None:
     output = tmp_path / "camera.toml"
     result = _run("calibrate", "distance", f"{picture}@{distance}", *SHEET, "-o", output)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     (line,) = result.stderr.splitlines()
     assert "is not that of a lens" in line
     assert "check its unit, or the distance" in line
@@ -93,6 +89,6 @@ def test_a_picture_of_another_aspect_is_refused_in_the_check_of_a_camera_file(pi
     file = tmp_path / "camera.toml"
     file.write_text(GOOD.replace("640", "480"), encoding="utf-8")
     result = _run("calibrate", "check", f"{picture}@30in", "--camera", file, *SHEET)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     (line,) = result.stderr.splitlines()
     assert "calibrated at 480x480; a picture of 640x480 has another aspect" in line

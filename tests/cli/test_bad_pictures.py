@@ -10,15 +10,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
 from stadimeter.app.detectors import build_detectors
-from stadimeter.cli.main import app
 from stadimeter.cli.target_options import targets_from_options
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame, Image
+from support.command_line import Typed, typed
 
 TARGETS = {
     "sheet": {"sheet": "11in,8.5in"},
@@ -121,11 +120,8 @@ def test_fifty_megapixels_with_a_sheet_are_measured() -> None:
     assert detection.width_px == pytest.approx(220 * 12.5, abs=1)
 
 
-def _run(*arguments: object) -> Result:
-    result = CliRunner().invoke(app, ["measure", *map(str, arguments), "--sheet", "11in,8.5in"])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+def _run(*arguments: object) -> Typed:
+    return typed("measure", *arguments, "--sheet", "11in,8.5in")
 
 
 @pytest.fixture
@@ -153,7 +149,7 @@ def _with_transparency(image: Image) -> np.ndarray:
 def test_every_kind_of_png_is_measured_alike(tmp_path: Path, camera, kind: Callable[[Image], np.ndarray]) -> None:
     cv2.imwrite(str(tmp_path / "kind.png"), kind(_scene()))
     result = _run(tmp_path / "kind.png", *camera, "--json")
-    assert result.exit_code == 0
+    assert result.returncode == 0
     assert json.loads(result.stdout)["distance_m"] == pytest.approx(0.2794 * 600 / 220, rel=0.01)
 
 
@@ -176,7 +172,7 @@ def test_what_is_no_picture_is_one_line_that_names_it_once(
     else:
         path.write_bytes(content)
     result = _run(path, *camera)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert result.stdout == ""
     (line,) = result.stderr.splitlines()
     assert said in line
@@ -187,7 +183,7 @@ def test_what_is_no_picture_is_one_line_that_names_it_once(
 def test_a_picture_of_another_aspect_is_one_line(tmp_path: Path, camera, shape: tuple[int, int]) -> None:
     cv2.imwrite(str(tmp_path / "other.png"), np.zeros((*shape, 3), np.uint8))
     result = _run(tmp_path / "other.png", *camera)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     (line,) = result.stderr.splitlines()
     assert line.startswith(f"error: {tmp_path / 'other.png'}: the camera was calibrated at 640x480")
 
@@ -211,15 +207,15 @@ def video(tmp_path: Path) -> Path:
     ],
 )
 def test_a_command_for_pictures_says_that_it_was_given_a_video(video: Path, command: tuple[str, ...]) -> None:
-    result = CliRunner().invoke(app, [word.format(video) for word in command])
-    assert result.exit_code == 2
+    result = typed(*(word.format(video) for word in command))
+    assert result.returncode == 2
     (line,) = result.stderr.splitlines()
     assert line.startswith(f"error: this is a video: {video}; `stadimeter measure` takes videos")
 
 
 def test_pictures_are_taken_out_of_a_video_as_that_error_says(video: Path, tmp_path: Path) -> None:
     arguments = ["snapshot", "--live", f"video,path={video}", "--count", "2", "--every", "100ms"]
-    assert CliRunner().invoke(app, [*arguments, "-o", str(tmp_path / "frame.png")]).exit_code == 0
+    assert typed(*arguments, "-o", tmp_path / "frame.png").returncode == 0
     assert (tmp_path / "frame-2.png").exists()
 
 

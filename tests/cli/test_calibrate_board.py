@@ -9,24 +9,20 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
 from stadimeter.cli import calibrate_board
-from stadimeter.cli.main import app
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError
 from stadimeter.workbench.frame_source import Source
+from support.command_line import Typed, typed
 
 BOARD = ("--board", "9x6", "--square", "25mm")
 MATRIX = np.array([[600.0, 0.0, 319.5], [0.0, 600.0, 239.5], [0.0, 0.0, 1.0]])
 
 
-def _run(*arguments: object) -> Result:
-    result = CliRunner().invoke(app, ["calibrate", "board", *map(str, arguments)])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+def _run(*arguments: object) -> Typed:
+    return typed("calibrate", "board", *arguments)
 
 
 def _picture(path: Path, turn: tuple[float, float, float], place_m: tuple[float, float, float]) -> Path:
@@ -55,7 +51,7 @@ def output(tmp_path: Path) -> Path:
 
 def test_the_camera_file_is_written_and_told(pictures: list[Path], output: Path) -> None:
     result = _run(*pictures, *BOARD, "-o", output)
-    assert result.exit_code == 0, result.output
+    assert result.returncode == 0, result
     lines = result.stdout.splitlines()
     assert all(" 54 corners, error 0." in line for line in lines[:7])
     assert "over 7 pictures, with corners in" in lines[7]
@@ -69,7 +65,7 @@ def test_the_camera_file_is_written_and_told(pictures: list[Path], output: Path)
 
 def test_the_tone_curve_goes_into_the_camera_file(pictures: list[Path], output: Path) -> None:
     for options, curve in (((), "srgb"), (("--tone-curve", "linear"), "linear")):
-        assert _run(*pictures, *BOARD, "-o", output, *options).exit_code == 0
+        assert _run(*pictures, *BOARD, "-o", output, *options).returncode == 0
         assert load_camera_model(output).tone_curve == curve
 
 
@@ -79,14 +75,14 @@ def test_a_picture_without_the_board_is_left_out_and_exits_1(
     wall = tmp_path / "wall.png"
     cv2.imwrite(str(wall), np.full((480, 640, 3), 90, np.uint8))
     result = _run(*pictures, wall, *BOARD, "-o", output)
-    assert result.exit_code == 1
+    assert result.returncode == 1
     assert f"left out: {wall}: no chessboard of 9x6 inner corners" in result.stderr
     assert output.exists()
 
 
 def test_too_few_pictures_exit_2(pictures: list[Path], output: Path) -> None:
     result = _run(*pictures[:2], *BOARD, "-o", output)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert "found in 2 different views; a calibration needs 3 at least" in result.stderr
 
 
@@ -94,7 +90,7 @@ def test_a_board_that_always_faces_the_camera_writes_nothing_and_says_to_tilt_it
     places = [(0, 0, 0.4), (0.05, 0.03, 0.4), (-0.05, 0.03, 0.45), (0.05, -0.04, 0.5), (-0.05, -0.04, 0.42)]
     facing = [_picture(tmp_path / f"{i}.png", (0, 0, 0.02 * i), place) for i, place in enumerate(places)]
     result = _run(*facing, *BOARD, "-o", output)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert not output.exists()
     (line,) = result.stderr.splitlines()
     assert "do not tell the focal length" in line
@@ -118,7 +114,7 @@ def test_a_wrong_option_is_one_line_and_exit_2(
     pictures: list[Path], output: Path, options: tuple[str, ...], said: str
 ) -> None:
     result = _run(pictures[0], *options, "-o", output)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     (line,) = result.stderr.splitlines()
     assert said in line
     assert not output.exists()
@@ -174,7 +170,7 @@ def test_a_live_camera_is_calibrated_from_what_it_saw_until_ctrl_c(
 ) -> None:
     camera = held(pictures, KeyboardInterrupt())
     result = _run("--live", "opencv,device=0", *BOARD, "-o", output)
-    assert result.exit_code == 0, result.output
+    assert result.returncode == 0, result
     lines = result.stdout.splitlines()
     assert lines[0].startswith("move the board about")
     told = [line for line in lines if line.startswith("view ")]
@@ -194,7 +190,7 @@ def test_a_board_that_never_comes_in_sight_writes_nothing_and_exits_1(
     cv2.imwrite(str(wall), np.full((480, 640, 3), 90, np.uint8))
     camera = held([wall], KeyboardInterrupt())
     result = _run("--live", "opencv,device=0", *BOARD, "-o", output)
-    assert result.exit_code == 1
+    assert result.returncode == 1
     assert "the camera saw no view of the board, so nothing was written" in result.stderr
     assert result.stdout.count("no chessboard of 9x6 inner corners") == 1, "said once, not for every frame"
     assert not output.exists()
@@ -206,7 +202,7 @@ def test_a_camera_that_is_lost_is_closed_and_told(
 ) -> None:
     camera = held(pictures[:1], DeviceClosedError("the camera is gone"))
     result = _run("--live", "opencv,device=0", *BOARD, "-o", output)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert "error: the camera is gone" in result.stderr
     assert not camera.is_open
 
@@ -222,7 +218,7 @@ def test_the_camera_of_a_configuration_is_taken_though_its_camera_file_is_not_th
         encoding="utf-8",
     )
     result = _run("--live", config, *BOARD, "-o", output)
-    assert result.exit_code == 0, result.output
+    assert result.returncode == 0, result
     assert f"left out: {wall}: no chessboard" in result.stderr
     assert result.stdout.count(" 54 corners, error ") >= 7
     assert load_camera_model(output).fx_px == pytest.approx(600, rel=0.01)
@@ -238,7 +234,7 @@ def test_the_camera_of_a_configuration_is_taken_though_its_camera_file_is_not_th
 )
 def test_a_camera_that_cannot_be_meant_is_one_line_and_exit_2(output: Path, live: str, said: str) -> None:
     result = _run("--live", live, *BOARD, "-o", output)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     (line,) = result.stderr.splitlines()
     assert said in line
 
@@ -246,5 +242,5 @@ def test_a_camera_that_cannot_be_meant_is_one_line_and_exit_2(output: Path, live
 def test_pictures_and_a_camera_exclude_each_other(pictures: list[Path], output: Path) -> None:
     for arguments in ((), (*pictures, "--live", "opencv")):
         result = _run(*arguments, *BOARD, "-o", output)
-        assert result.exit_code == 2
+        assert result.returncode == 2
         assert "give pictures of the board, or --live for a camera" in result.stderr

@@ -7,20 +7,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from stadimeter.cli.main import app
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
+from support.command_line import Typed, typed
 
 SHEET = ("--sheet", "11in,8.5in")
 
 
-def _run(*arguments: object) -> Result:
-    result = CliRunner().invoke(app, ["calibrate", "check", *map(str, arguments)])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+def _run(*arguments: object) -> Typed:
+    return typed("calibrate", "check", *arguments)
 
 
 @pytest.fixture
@@ -40,14 +36,14 @@ def _camera(folder: Path, focal_px: float) -> Path:
 
 def test_a_right_camera_file_is_said_to_be_right(picture: Path, tmp_path: Path) -> None:
     result = _run(f"{picture}@30in", "--camera", _camera(tmp_path, 600), *SHEET)
-    assert result.exit_code == 0
+    assert result.returncode == 0
     assert "instead of 30.0 in:" in result.stdout
     assert result.stdout.splitlines()[-1].endswith("is right within what it states")
 
 
 def test_a_wrong_camera_file_is_said_to_be_wrong_by_how_much_and_which_way(picture: Path, tmp_path: Path) -> None:
     result = _run(f"{picture}@30in", "--camera", _camera(tmp_path, 660), *SHEET)
-    assert result.exit_code == 1
+    assert result.returncode == 1
     line, mean, verdict = result.stdout.splitlines()
     assert "+10." in line
     assert "σ  outside" in line
@@ -61,14 +57,14 @@ def test_a_picture_without_the_target_exits_1(picture: Path, tmp_path: Path) -> 
     wall = tmp_path / "wall.png"
     cv2.imwrite(str(wall), np.full((480, 640, 3), 90, np.uint8))
     result = _run(f"{picture}@30in", f"{wall}@30in", "--camera", _camera(tmp_path, 600), *SHEET)
-    assert result.exit_code == 1
+    assert result.returncode == 1
     assert result.stderr.startswith(f"left out: {wall}: ")
     alone = _run(f"{wall}@30in", "--camera", _camera(tmp_path, 600), *SHEET)
-    assert (alone.exit_code, alone.stdout) == (1, "")
+    assert (alone.returncode, alone.stdout) == (1, "")
     assert "nothing was checked" in alone.stderr
 
 
 def test_a_camera_file_that_is_missing_exits_2(picture: Path, tmp_path: Path) -> None:
     result = _run(f"{picture}@30in", "--camera", tmp_path / "none.toml", *SHEET)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert "there is no such file" in result.stderr

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import cv2
 import pytest
-from typer.testing import CliRunner, Result
 
-from stadimeter.cli.main import app
 from stadimeter.config.camera_file import save_camera_model
+from support.command_line import Typed, typed
 from support.scenes.draw import CAMERA, TAG_M
 from support.scenes.on_floor import ball_on_floor, tag_lying
 from support.scenes.render import render
@@ -33,11 +32,8 @@ on_floor = true
 """
 
 
-def run(*arguments: object) -> Result:
-    result = CliRunner().invoke(app, [*map(str, arguments)])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+def run(*arguments: object) -> Typed:
+    return typed(*arguments)
 
 
 @pytest.fixture
@@ -47,14 +43,14 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def calibrate(folder: Path, *pictures: str) -> Result:
+def calibrate(folder: Path, *pictures: str) -> Typed:
     paths = [folder / name for name in pictures]
     return run("calibrate", "floor", *paths, "--camera", folder / "camera.toml", *TAG)
 
 
 def test_a_tag_on_the_floor_gives_the_lines_for_the_camera(folder: Path) -> None:
     result = calibrate(folder, "tag.png")
-    assert result.exit_code == 0
+    assert result.returncode == 0
     found = re.search(
         r'\[camera\]\nheight = "([\d.]+) cm ± ([\d.]+) mm"\ntilt = "(-[\d.]+) deg ± ([\d.]+) deg"', result.stdout
     )
@@ -96,12 +92,12 @@ def test_a_ball_that_is_twice_as_large_as_stated_is_said_to_contradict_the_floor
 def test_a_picture_without_the_tag_and_what_tells_nothing_of_the_floor_are_said(folder: Path) -> None:
     cv2.imwrite(str(folder / "wall.png"), render(ball_on_floor(BALL, 1.0).scene).image)
     some = calibrate(folder, "tag.png", "wall.png")
-    assert some.exit_code == 1
+    assert some.returncode == 1
     assert "left out" in some.stderr
     assert "[camera]" in some.stdout
     none = calibrate(folder, "wall.png")
-    assert none.exit_code == 1
+    assert none.returncode == 1
     assert "[camera]" not in none.stdout
     ball = run("calibrate", "floor", folder / "tag.png", "--camera", folder / "camera.toml", "--ball", "67 mm")
-    assert ball.exit_code == 2
+    assert ball.returncode == 2
     assert "lay a tag or a sheet on it" in ball.stderr

@@ -9,13 +9,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from stadimeter.cli.main import app
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.workbench.calibration.live_distance import FRAMES
+from support.command_line import Typed, typed
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.render import render
@@ -35,24 +34,20 @@ def _ball_at(near_side_m: float, focal_px: float = 600.0) -> Image:
     return render(Scene(camera=lens, target=ball, seed=1, backdrop=PlainBackdrop())).image
 
 
-def _run(folder: Path, images: list[Image], answers: str, *options: str) -> Result:
+def _run(folder: Path, images: list[Image], answers: str, *options: str) -> Typed:
     for number, image in enumerate(images):
         for frame in range(FRAMES):
             cv2.imwrite(str(folder / f"{number}-{frame}.png"), image)
     config = folder / "room.toml"
     config.write_text(f'[camera]\ndriver = "images"\npaths = ["{folder}/*.png"]\nrate = "10 Hz"\n')
-    output = str(folder / "camera.toml")
-    arguments = ["calibrate", "distance", "--live", str(config), *BALL, "-o", output, *options]
-    result = CliRunner().invoke(app, arguments, input=answers)
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+    output = folder / "camera.toml"
+    return typed("calibrate", "distance", "--live", config, *BALL, "-o", output, *options, answers=answers)
 
 
 @pytest.mark.long
 def test_two_distances_asked_for_and_proved_give_a_camera_file(tmp_path: Path) -> None:
     result = _run(tmp_path, [_ball_at(1.0), _ball_at(3.0)], "\n\n")
-    assert result.exit_code == 0, result.output
+    assert result.returncode == 0, result
     lines = result.stdout.splitlines()
     assert lines[0].startswith("Measure with a tape, from the lens to the nearest point of the ball.")
     assert [line for line in lines if line.endswith((" 1 m.", " 3 m."))] == ["Put it at 1 m.", "Now put it at 3 m."]
@@ -70,14 +65,14 @@ def test_settings_that_the_camera_did_not_take_are_noted(tmp_path: Path, monkeyp
     config = tmp_path / "room.toml"
     config.write_text(f'[camera]\ndriver = "opencv"\ndevice = "{device.node}"\n')
     output = str(tmp_path / "camera.toml")
-    result = CliRunner().invoke(app, ["calibrate", "distance", "--live", str(config), *BALL, "-o", output])
+    result = typed("calibrate", "distance", "--live", config, *BALL, "-o", output)
     assert "note: asked for a fixed focus, the camera keeps refocusing: distances will drift\n" in result.stderr
     assert not device.isOpened(), "the camera is left closed"
 
 
 def test_distances_that_contradict_each_other_leave_no_file(tmp_path: Path) -> None:
     result = _run(tmp_path, [_ball_at(1.0), _ball_at(3.0, 660.0)], "\n\n")
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert "at 1 m and at 3 m contradict each other" in result.stderr
     assert result.stderr.endswith("error: nothing was written\n")
     assert not (tmp_path / "camera.toml").exists()
@@ -86,55 +81,39 @@ def test_distances_that_contradict_each_other_leave_no_file(tmp_path: Path) -> N
 @pytest.mark.long
 def test_the_distance_that_it_really_has_can_be_typed_and_a_wrong_unit_is_asked_again(tmp_path: Path) -> None:
     result = _run(tmp_path, [_ball_at(1.0), _ball_at(2.5)], "\n3 apples\n2.5m\n", "--at", "1m", "--at", "2m")
-    assert result.exit_code == 0, result.output
+    assert result.returncode == 0, result
     assert "error: the distance: '3 apples'" in result.stderr
     assert result.stdout.count("Now put it at 2m.") == 2
     assert "at 2.5m" in load_camera_model(tmp_path / "camera.toml").provenance.notes[1]
 
 
 @pytest.mark.long
-def test_the_second_distance_follows_from_the_first_one_that_is_typed(tmp_path: Path) -> None:
-    result = _run(tmp_path, [_ball_at(0.8), _ball_at(2.4)], "80 cm\n\n")
-    assert result.exit_code == 0, result.output
-    assert "Now put it at 2.4 m." in result.stdout
-
-
-@pytest.mark.long
 def test_a_target_that_is_not_seen_is_asked_for_again(tmp_path: Path) -> None:
     result = _run(tmp_path, [NOTHING, _ball_at(1.0), _ball_at(3.0)], "\n\n\n")
-    assert result.exit_code == 0, result.output
+    assert result.returncode == 0, result
     assert "at 1 m the target was found in 0 of 9 frames: no pixel" in result.stderr
     assert result.stdout.count("Put it at 1 m.") == 2
 
 
 def test_without_an_answer_nothing_is_written(tmp_path: Path) -> None:
     result = _run(tmp_path, [_ball_at(1.0), _ball_at(3.0)], "\n")
-    assert result.exit_code == 1
+    assert result.returncode == 1
     assert "there is no answer, so nothing was written" in result.stderr
     assert not (tmp_path / "camera.toml").exists()
-
-
-def test_two_distances_that_are_hardly_apart_are_refused(tmp_path: Path) -> None:
-    result = _run(tmp_path, [_ball_at(1.0), _ball_at(1.2)], "\n\n", "--at", "1m", "--at", "1.2m")
-    assert result.exit_code == 2
-    assert "take one 1.5 times as far at least" in result.stderr
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("--live", "opencv,device=0", "--at", "1m"), "give two, such as --at 1m --at 3m"),
-        (("--live", "opencv,device=0", "--at", "1m", "--at", "3"), "--at: "),
         (("--live", "opencv,device=947"), "there is no camera /dev/video947"),
-        (("near.png@1m", "--at", "1m"), "--at says where to put the target before a camera"),
         (("--live", "opencv,device=0", "-o", "nowhere/camera.toml"), "-o: there is no folder nowhere"),
-        ((), "give pictures at known distances, or --live"),
         (("near.png@1m", "--live", "opencv,device=0"), "one of the two"),
     ],
 )
 def test_what_cannot_work_is_one_line(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
     output = str(tmp_path / "camera.toml")
-    result = CliRunner().invoke(app, ["calibrate", "distance", "-o", output, *arguments, *BALL])
-    assert result.exit_code == 2
+    result = typed("calibrate", "distance", "-o", output, *arguments, *BALL)
+    assert result.returncode == 2
     (error,) = [line for line in result.stderr.splitlines() if line.startswith("error")]
     assert words in error

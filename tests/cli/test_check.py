@@ -63,14 +63,6 @@ def test_errors_stand_beside_their_lines_underlined(wrong: Path) -> None:
     ]
 
 
-def test_a_syntax_error_shows_its_whole_line(tmp_path: Path) -> None:
-    file = tmp_path / "broken.toml"
-    file.write_text("[camera]\n  rate = 30 Hz\n", encoding="utf-8")
-    result = run_check(str(file))
-    assert result.exit_code == 2
-    assert result.stderr.splitlines()[1:3] == ["  2 |   rate = 30 Hz", "    |   ^^^^^^^^^^^^"]
-
-
 def test_a_file_that_is_not_there_is_one_clear_line(tmp_path: Path) -> None:
     result = run_check(str(tmp_path / "nowhere.toml"))
     assert result.exit_code == 2
@@ -121,16 +113,6 @@ def test_json_lists_the_problems_for_programs(wrong: Path) -> None:
         "column": 9,
         "end_column": 24,
     }
-
-
-def test_json_of_a_sound_configuration_says_what_it_does() -> None:
-    result = run_check(str(CONFIGURATIONS / "follow-ball.toml"), "--json", "--elsewhere")
-    assert result.exit_code == 0
-    record = json.loads(result.stdout)
-    assert record["usable"] is True
-    assert record["problems"] == []
-    assert [warning["code"] for warning in record["warnings"]] == ["base-never-stops-by-itself"]
-    assert any("keeps `base` 1.00 m" in sentence for sentence in record["describes"])
 
 
 LATE = """\

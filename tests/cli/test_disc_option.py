@@ -9,13 +9,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
 from stadimeter.cli.formatting import CENTIMETRE
-from stadimeter.cli.main import app
 from stadimeter.cli.target_options import targets_from_options
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.errors import ConfigError
+from support.command_line import Typed, typed
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.draw import CAMERA
 from support.scenes.plane import DiscTarget, Pose
@@ -23,11 +22,8 @@ from support.scenes.render import render
 from support.scenes.scene import Scene
 
 
-def run(*arguments: object) -> Result:
-    result = CliRunner().invoke(app, [*map(str, arguments)])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+def run(*arguments: object) -> Typed:
+    return typed(*arguments)
 
 
 @pytest.fixture
@@ -65,14 +61,14 @@ def test_what_is_wrong_is_said() -> None:
 def test_a_disc_is_measured_though_it_is_tilted(picture, tmp_path: Path) -> None:
     save_camera_model(tmp_path / "camera.toml", CAMERA)
     result = run("measure", picture(0.8, 40.0), "--camera", tmp_path / "camera.toml", "--disc", "12cm")
-    assert result.exit_code == 0
+    assert result.returncode == 0
     assert "80.0 cm" in result.stdout
 
 
 def test_a_camera_is_calibrated_and_checked_with_a_disc(picture, tmp_path: Path) -> None:
     file = tmp_path / "camera.toml"
     made = run("calibrate", "distance", f"{picture(0.5)}@50cm", f"{picture(1.5)}@150cm", "--disc", "12cm", "-o", file)
-    assert made.exit_code == 0, made.stderr
+    assert made.returncode == 0, made.stderr
     assert load_camera_model(file).fx_px == pytest.approx(600.0, rel=2e-3)
     checked = run("calibrate", "check", f"{picture(1.0)}@1m", "--camera", file, "--disc", "12cm")
-    assert checked.exit_code == 0, checked.stdout
+    assert checked.returncode == 0, checked.stdout

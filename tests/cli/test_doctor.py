@@ -8,13 +8,12 @@ import socket
 from pathlib import Path
 
 import pytest
-from msgspec.structs import replace
 from typer.testing import CliRunner, Result
 
 from stadimeter.cli import doctor
 from stadimeter.cli.main import app
 from stadimeter.config.extras import guide
-from stadimeter.workbench.doctor.computer import Computer, DiagnosisSeverity, wrong
+from stadimeter.workbench.doctor.computer import Computer, DiagnosisSeverity
 from support.broker import free_port
 from support.captured_computers import PC, PI_4, ZERO_2, Captured
 
@@ -49,14 +48,6 @@ def test_what_is_wrong_stands_above_its_remedy_and_exits_with_1(
     lines = result.stdout.splitlines()
     at = lines.index(" ✗  under-voltage and throttled now (vcgencmd get_throttled: 0x50005)")
     assert lines[at + 1].startswith("    → use the supply for the board")
-
-
-def test_lines_fit_narrow_terminals() -> None:
-    for severity, (mark, _style) in doctor.MARKS.items():
-        diagnosis = replace(wrong("seen at 20 °C " * 8, "mend it " * 8), severity=severity)
-        lines = [line.plain for line in doctor._lines(diagnosis, 40)]
-        assert max(map(len, lines)) <= 40
-        assert lines[0].startswith(f" {mark:<2} seen")
 
 
 def test_a_configuration_that_is_not_there_is_a_mistake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

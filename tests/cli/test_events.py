@@ -31,13 +31,6 @@ def test_the_newest_lines_of_all_files_are_printed_in_the_order_of_time(folder: 
     assert printed(folder / "box.log", "--lines", 1).stdout == "line 6\n"
 
 
-def test_of_several_configurations_the_log_that_was_written_last_is_meant(folder: Path) -> None:
-    for name, written_s in (("a.log", 2000), ("b.log", 1000)):
-        (folder / name).write_text(f"{name}\n")
-        os.utime(folder / name, (written_s, written_s))
-    assert printed().stdout == "a.log\n"
-
-
 def test_without_a_log_it_says_who_keeps_one(folder: Path) -> None:
     found = printed()
     assert (found.exit_code, found.stderr) == (
@@ -50,11 +43,6 @@ def test_without_a_log_it_says_who_keeps_one(folder: Path) -> None:
 def test_a_pipe_is_no_log_and_is_not_waited_for(folder: Path) -> None:
     os.mkfifo(folder / "box.log")
     assert printed().exit_code == 2
-
-
-def test_bytes_that_are_no_text_are_printed_as_far_as_they_are(folder: Path) -> None:
-    (folder / "box.log").write_bytes(b"first\n\xff\xfe second\n")
-    assert printed().stdout.splitlines()[0] == "first"
 
 
 def test_as_json_each_line_is_an_object_that_says_whether_its_time_is_right(folder: Path) -> None:

@@ -15,14 +15,13 @@ from pathlib import Path
 
 import cv2
 import pytest
-from typer.testing import CliRunner, Result
 
-from stadimeter.cli.main import app
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.workbench.saving import versions
 from stadimeter.workbench.setup.files import WISHES
 from stadimeter.workbench.setup.interview import answer_keys
+from support.command_line import Typed, typed
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget
@@ -51,17 +50,14 @@ def _picture(path: Path, kind: str, at_m: float) -> None:
     cv2.imwrite(str(path), render(scene).image)
 
 
-def _init(folder: Path, **answers: str) -> Result:
+def _init(folder: Path, **answers: str) -> Typed:
     file = folder / "given.toml"
     file.write_text("".join(f"{key} = '''{answer}'''\n" for key, answer in answers.items()), encoding="utf-8")
     return _run("init", folder, "--answers", file)
 
 
-def _run(*arguments: object) -> Result:
-    result = CliRunner().invoke(app, [*map(str, arguments)])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+def _run(*arguments: object) -> Typed:
+    return typed(*arguments)
 
 
 def _distances(output: str) -> list[float]:
@@ -75,7 +71,7 @@ def test_one_command_leads_to_a_measured_target_and_a_rule_that_acts(tmp_path: P
         _picture(tmp_path / f"{at_m:g}m.png", kind, at_m)
     camera = "0.8m.png 0.8m.png 0.8m.png 0.8m.png 2m.png"
     told = _init(tmp_path, camera=camera, target=kind, size=SIZES[kind], near_near="1 m")
-    assert told.exit_code == 0, told.output
+    assert told.returncode == 0, told
     assert "2 tests: 2 passed" in told.stdout
     assert len(tomllib.loads((tmp_path / "init-answers.toml").read_text())) <= 12
     measured = _run("measure", tmp_path / "2m.png", "--config", tmp_path / "stadimeter.toml")
@@ -91,7 +87,7 @@ def test_what_was_there_is_kept_as_a_version(tmp_path: Path) -> None:
     _picture(tmp_path / "1m.png", "disc", 1.0)
     (tmp_path / "stadimeter.toml").write_text("# mine\n")
     for near in ("40 cm", "60 cm"):
-        assert _init(tmp_path, target="disc", size="20 cm", near_near=near).exit_code == 0
+        assert _init(tmp_path, target="disc", size="20 cm", near_near=near).returncode == 0
     newest, oldest = versions(tmp_path / "stadimeter.toml")
     assert (oldest.folder / "stadimeter.toml").read_text() == "# mine\n"
     assert '"40 cm"' in (newest.folder / "stadimeter.toml").read_text()
@@ -110,7 +106,7 @@ def test_what_was_there_is_kept_as_a_version(tmp_path: Path) -> None:
 def test_a_wrong_answer_is_named_with_its_question(tmp_path: Path, answers: dict[str, str], words: str) -> None:
     _picture(tmp_path / "1m.png", "disc", 1.0)
     told = _init(tmp_path, **answers)
-    assert told.exit_code == 2
+    assert told.returncode == 2
     assert words in told.stderr
     assert f"given.toml: {list(answers)[-1]}: " in told.stderr
     assert not (tmp_path / "stadimeter.toml").exists()
@@ -118,20 +114,20 @@ def test_a_wrong_answer_is_named_with_its_question(tmp_path: Path, answers: dict
 
 def test_without_a_terminal_and_answers_it_says_how_to_give_them(tmp_path: Path) -> None:
     told = _run("init", tmp_path / "new")
-    assert told.exit_code == 2
+    assert told.returncode == 2
     assert "--answers FILE" in told.stderr
     assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize("name", ["follow-ball", "demo"])
 def test_an_example_is_written_without_a_checkout(tmp_path: Path, name: str) -> None:
-    assert _run("init", tmp_path, "--example", name).exit_code == 0
+    assert _run("init", tmp_path, "--example", name).returncode == 0
     assert load_configuration(tmp_path / f"{name}.toml").plan.rules
 
 
 def test_an_example_that_is_not_there_is_refused_with_those_that_are(tmp_path: Path) -> None:
     told = _run("init", tmp_path, "--example", "folow-ball")
-    assert told.exit_code == 2
+    assert told.returncode == 2
     assert "only appliance, demo, distance-alert, follow-ball" in told.stderr
 
 
@@ -142,7 +138,7 @@ def test_the_answers_that_the_guide_shows_lead_to_a_configuration(tmp_path: Path
     (shown,) = re.findall(r"<!-- answers -->\n```toml\n(.*?)```", GUIDE.read_text(), re.DOTALL)
     (tmp_path / "answers.toml").write_text(shown)
     told = _run("init", tmp_path, "--answers", tmp_path / "answers.toml")
-    assert told.exit_code == 0, told.output
+    assert told.returncode == 0, told
     assert (tmp_path / "init" / "wiring.svg").exists()
 
 
@@ -157,7 +153,7 @@ def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "taken").touch()
     (tmp_path / "answers.toml").write_text('camera = "ball.png"\n')
     told = _run("init", tmp_path / "taken", "--answers", tmp_path / "answers.toml")
-    assert told.exit_code == 2
+    assert told.returncode == 2
     assert told.stderr.count("\n") == 1
     assert "the folder cannot be made" in told.stderr
 
@@ -237,13 +233,13 @@ def test_it_is_left_with_ctrl_c_and_taken_up_again_in_a_narrow_terminal(tmp_path
     assert load_configuration(tmp_path / "stadimeter.toml").plan.rules
 
 
-def _typed(folder: Path, monkeypatch: pytest.MonkeyPatch, *answers: str) -> Result:
+def _typed(folder: Path, monkeypatch: pytest.MonkeyPatch, *answers: str) -> Typed:
     """Type answers into a session; Ctrl-D is behind the last."""
     monkeypatch.setattr("stadimeter.cli.init._is_terminal", lambda: True)
-    return CliRunner().invoke(app, ["init", str(folder)], input="".join(f"{answer}\n" for answer in answers))
+    return typed("init", folder, answers="".join(f"{answer}\n" for answer in answers))
 
 
 def test_a_configuration_that_is_to_stay_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "stadimeter.toml").write_text("# mine\n")
-    assert _typed(tmp_path, monkeypatch, "no").exit_code == 1
+    assert _typed(tmp_path, monkeypatch, "no").returncode == 1
     assert [path.name for path in tmp_path.iterdir()] == ["stadimeter.toml"]

@@ -10,9 +10,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from stadimeter.cli.main import app
 from stadimeter.config import plugins
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.config.loader import Configuration, load_configuration
@@ -23,6 +21,7 @@ from stadimeter.detectors.disc import DiscOptions
 from stadimeter.detectors.protocol import SetupKind, size_question
 from stadimeter.workbench.setup.interview import save_answers
 from support import two_cameras
+from support.command_line import Typed, typed
 from support.networks import bright_figure, put_figure, write_network
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -38,26 +37,23 @@ BALL_M = 0.2
 NEAR, BESIDE, FAR = (-0.4, 0.0, 1.5), (0.4, 0.05, 1.7), (0.05, 0.0, 2.5)
 
 
-def run(*arguments: object) -> Result:
-    result = CliRunner().invoke(app, [*map(str, arguments)])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+def run(*arguments: object) -> Typed:
+    return typed(*arguments)
 
 
-def init(folder: Path, **answers: str) -> Result:
+def init(folder: Path, **answers: str) -> Typed:
     save_camera_model(folder / "camera.toml", LENS)
     save_answers(folder / "given.toml", {"camera": "*.png", "calibration": "camera.toml", **answers})
     return run("init", folder, "--answers", folder / "given.toml")
 
 
-def works(folder: Path, told: Result) -> Configuration:
+def works(folder: Path, told: Typed) -> Configuration:
     """Return the configuration that was written: `check` finds nothing in it, and `run` runs it."""
-    assert told.exit_code == 0, told.output
+    assert told.returncode == 0, told
     checked = run("check", "--strict", folder / "stadimeter.toml")
-    assert (checked.exit_code, "warning:" in checked.output) == (0, False), checked.output
+    assert (checked.returncode, "warning:" in checked.stdout + checked.stderr) == (0, False), checked
     ran = run("run", folder / "stadimeter.toml", "--no-state", "--speed", "0", "--seconds", "1")
-    assert ran.exit_code == 0, ran.output
+    assert ran.returncode == 0, ran
     return load_configuration(folder / "stadimeter.toml")
 
 
@@ -107,7 +103,7 @@ def test_what_cannot_be_used_is_named_with_its_question(
     cv2.imwrite(str(tmp_path / "1m.png"), balls(NEAR))
     write_network(tmp_path / "mine.onnx", "yolox")
     told = init(tmp_path, **answers)
-    assert told.exit_code == 2, told.output
+    assert told.returncode == 2, told
     assert f"given.toml: {key}: " in told.stderr
     assert words in told.stderr
 
@@ -173,4 +169,4 @@ def test_a_detector_of_another_package_is_offered_with_its_own_question(
     kinds = "ball, sheet, tag, disc, picture, circles, person, face, object, balls, tags, coin"
     assert f"'cube' is none of {kinds}" in told.stderr
     told = init(tmp_path, target="coin", size="20 cm")
-    assert load_configuration(tmp_path / "stadimeter.toml").targets[0].driver == "coin", told.output
+    assert load_configuration(tmp_path / "stadimeter.toml").targets[0].driver == "coin", told

@@ -23,7 +23,7 @@ from stadimeter.app.loop import Limits, Loop
 from stadimeter.cli.demo import fault_keys
 from stadimeter.cli.keyboard import Keyboard, RunKeys
 
-PATIENCE_S = 40.0
+PATIENCE_S = 120.0
 
 IN_ITS_TERMINAL = """
 import sys, fcntl, termios
@@ -135,12 +135,6 @@ def test_a_run_that_is_watched_has_keys_too_and_no_others() -> None:
         assert it.is_as_before()
 
 
-def test_in_40_columns_no_line_is_longer_and_the_keys_that_fit_are_named() -> None:
-    with terminal("demo", columns=40) as it:
-        screen = it.wait_for(" pause ").rpartition("\x1b[H")[2]
-        assert "unplug" not in screen
-
-
 def test_without_a_terminal_no_key_is_ever_pressed() -> None:
     read, write = os.pipe()
     with Keyboard(read) as keyboard:
@@ -216,10 +210,3 @@ def test_a_pause_ends_with_the_run() -> None:
     keys = RunKeys(loop, can_pause=True, keyboard=Pressed("p", "", "q", "", ""))
     keys.attend(lambda: None)
     assert loop.ending == "the key q was pressed"
-
-
-def test_the_keys_say_what_they_would_do_now() -> None:
-    loop = Loop(build(demo_configuration(), speed=None))
-    keys = RunKeys(loop, fault_keys(loop), can_pause=True, keyboard=Pressed("f"))
-    keys.attend(lambda: None)
-    assert [key.words for key in keys.keys] == ["quit", "help", "pause", "hide ball", "thaw camera", "unplug robot"]

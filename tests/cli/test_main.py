@@ -113,10 +113,6 @@ def test_the_collector_works_again_when_a_command_does():
     assert done.stdout == "collects: True True\n"
 
 
-def test_measuring_loads_the_configuration_of_a_run_only_when_one_is_given():
-    assert among(loaded_by("import stadimeter.cli.measure"), ["stadimeter.config.loader", "rich.progress"]) == []
-
-
 LISTED = [name for commands in PANELS.values() for name in commands]
 
 
@@ -134,7 +130,7 @@ def test_the_help_lists_every_command():
 
 
 def test_help_prints_what_the_option_prints():
-    for words in [[], ["measure"], ["calibrate", "distance"], ["alarm", "ack"]]:
+    for words in [[], ["calibrate", "distance"]]:
         asked = CliRunner().invoke(app, ["help", *words])
         assert asked.exit_code == 0
         assert asked.output.strip() == CliRunner().invoke(app, [*words, "--help"]).output.strip()
@@ -152,11 +148,6 @@ def test_a_shell_completes_commands(monkeypatch):
     monkeypatch.setenv("COMP_WORDS", "stadimeter cal")
     monkeypatch.setenv("COMP_CWORD", "1")
     assert "calibrate" in CliRunner().invoke(app, [], prog_name="stadimeter").output
-
-
-def test_the_help_of_a_command_is_its_own():
-    assert "--annotate" in CliRunner().invoke(app, ["measure", "--help"]).output
-    assert "distance" in CliRunner().invoke(app, ["calibrate", "--help"]).output
 
 
 def test_an_unknown_command_is_told_with_the_nearest_one():

@@ -9,16 +9,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
 import stadimeter.cli.measure as measure_command
 from stadimeter.app.detectors import NamedDetector
-from stadimeter.cli.main import app
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.ranging.ball import BallShape
+from support.command_line import Typed, typed
 
 KEYS = [
     "file", "target", "status", "distance_m", "depth_m", "sigma_m", "bearing_rad", "elevation_rad", "tilt_rad",
@@ -28,11 +27,8 @@ SHEET = ("--sheet", "11in,8.5in")
 BALL = ("--ball", "10cm", "--hsv", "170,100,60:10,255,255")
 
 
-def _run(*arguments: object) -> Result:
-    result = CliRunner().invoke(app, ["measure", *map(str, arguments)])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+def _run(*arguments: object) -> Typed:
+    return typed("measure", *arguments)
 
 
 @pytest.fixture
@@ -57,7 +53,7 @@ def pictures(tmp_path: Path) -> Path:
 
 def test_a_sheet_is_measured_in_the_persons_unit_and_in_metres(pictures: Path, camera) -> None:
     result = _run(pictures / "sheet.png", *camera, *SHEET)
-    assert result.exit_code == 0
+    assert result.returncode == 0
     assert result.stderr == ""
     (line,) = result.stdout.splitlines()
     # 0.2794 m * 600 px / 220 px = 0.762 m = 30 in
@@ -77,7 +73,7 @@ def test_json_is_one_object_a_line_with_exactly_these_keys(pictures: Path, camer
     for record in records[1:]:
         assert record["distance_m"] is record["depth_m"] is record["sigma_m"] is record["bearing_rad"] is None
         assert record["reason"]
-    assert result.exit_code == 1
+    assert result.returncode == 1
 
 
 def test_a_bad_picture_is_one_line_on_stderr_and_the_good_ones_are_still_measured(pictures: Path, camera) -> None:
@@ -86,7 +82,7 @@ def test_a_bad_picture_is_one_line_on_stderr_and_the_good_ones_are_still_measure
     bad = ["missing.png", "empty.png", "cut-short.png"]
     names = [bad[0], "ball.png", bad[1], bad[2]]
     result = _run(*(pictures / name for name in names), pictures, *camera, *BALL)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert len(result.stdout.splitlines()) == 1
     lines = result.stderr.splitlines()
     assert len(lines) == 4
@@ -100,12 +96,12 @@ def test_a_bad_picture_in_json_has_the_status_error(pictures: Path, camera) -> N
     records = [json.loads(line) for line in result.stdout.splitlines()]
     assert [record["status"] for record in records] == ["error", "measured"]
     assert "there is no such file" in records[0]["reason"]
-    assert result.exit_code == 2
+    assert result.returncode == 2
 
 
 def test_annotated_copies_are_written_beside_nothing_else(pictures: Path, camera, tmp_path: Path) -> None:
     result = _run(pictures / "ball.png", pictures / "wall.png", *camera, *BALL, "--annotate", tmp_path / "new" / "out")
-    assert result.exit_code == 1
+    assert result.returncode == 1
     assert sorted(file.name for file in (tmp_path / "new" / "out").iterdir()) == [
         "ball-measured.png",
         "wall-measured.png",
@@ -150,7 +146,7 @@ def test_a_configuration_says_what_to_look_for_and_through_which_camera(pictures
     result = _run(pictures / "ball.png", "--config", tmp_path / "two.toml", "--json")
     records = [json.loads(line) for line in result.stdout.splitlines()]
     assert [(record["target"], record["status"]) for record in records] == [("red", "measured"), ("paper", "not_found")]
-    assert result.exit_code == 1
+    assert result.returncode == 1
 
 
 @pytest.mark.parametrize(
@@ -165,7 +161,7 @@ def test_a_configuration_says_what_to_look_for_and_through_which_camera(pictures
 )
 def test_a_bad_option_is_one_line_and_exit_2(pictures: Path, camera, arguments, said: str) -> None:
     result = _run(pictures / "ball.png", *camera, *arguments)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert result.stdout == ""
     (line,) = result.stderr.splitlines()
     assert line.startswith("error: ")
@@ -174,7 +170,7 @@ def test_a_bad_option_is_one_line_and_exit_2(pictures: Path, camera, arguments, 
 
 def test_no_camera_file_says_how_to_make_one(pictures: Path) -> None:
     result = _run(pictures / "ball.png", *BALL)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert "--camera: the camera file is missing" in result.stderr
     assert "calibrate distance" in result.stderr
 
@@ -182,7 +178,7 @@ def test_no_camera_file_says_how_to_make_one(pictures: Path) -> None:
 def test_a_broken_camera_file_is_named_with_its_line(pictures: Path, tmp_path: Path) -> None:
     (tmp_path / "camera.toml").write_text("width_px = 640\nheight_px = -480\nfx_px = 600\n", encoding="utf-8")
     result = _run(pictures / "ball.png", "--camera", tmp_path / "camera.toml", *BALL)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert result.stderr.startswith(f"error: {tmp_path / 'camera.toml'}:2: height_px: -480 is not above 0")
 
 
@@ -227,7 +223,7 @@ def perceiver(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("perceiver")
 def test_explained_each_line_is_followed_by_how_it_came_about(pictures: Path, camera) -> None:
     result = _run(pictures / "ball.png", pictures / "wall.png", *camera, *SHEET, "--explain")
-    assert result.exit_code == 1
+    assert result.returncode == 1
     lines = result.stdout.splitlines()
     assert lines[0].startswith(str(pictures / "ball.png"))
     assert lines[1:4] == [
@@ -256,6 +252,6 @@ def test_explained_in_json_there_are_further_fields(pictures: Path, camera) -> N
 
 def test_all_options_that_are_missing_are_named_at_once(pictures: Path) -> None:
     result = _run(pictures / "ball.png", "--tag", "10cm")
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert "add --family" in result.stderr
     assert "--camera: the camera file is missing" in result.stderr

@@ -10,15 +10,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from stadimeter.cli.main import app
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError
 from stadimeter.workbench import frame_source
 from stadimeter.workbench.frame_source import Source
+from support.command_line import Typed, typed
 
 pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]
 
@@ -27,11 +26,8 @@ SIDE_PX = 80
 LEFT, RIGHT = (160, 200), (480, 280)
 
 
-def _run(*arguments: object) -> Result:
-    result = CliRunner().invoke(app, ["measure", *map(str, arguments)])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+def _run(*arguments: object) -> Typed:
+    return typed("measure", *arguments)
 
 
 @pytest.fixture
@@ -106,13 +102,13 @@ def test_the_distance_between_two_tags_is_printed_when_asked(two_tags: Path, cam
     assert pair["distance_m"] == pytest.approx(expected_m, rel=0.01)
     assert 0 < pair["sigma_m"] < 0.01
     assert re.search(r"tag 3 to tag 7  \d+\.\d cm ± ", _run(two_tags, *camera, *TAG, "--between", "3,7").stdout)
-    assert result.exit_code == 0
+    assert result.returncode == 0
 
 
 def test_with_one_of_both_missing_the_distance_between_them_is_unknown(two_tags: Path, camera) -> None:
     result = _run(two_tags, *camera, *TAG, "--between", "3,8")
     assert result.stdout.splitlines()[-1].endswith("tag 3 to tag 8  unknown: not both are measured")
-    assert result.exit_code == 1
+    assert result.returncode == 1
 
 
 @pytest.mark.parametrize(
@@ -126,7 +122,7 @@ def test_with_one_of_both_missing_the_distance_between_them_is_unknown(two_tags:
 )
 def test_a_wrong_option_is_one_line_and_exit_2(two_tags: Path, camera, options, said: str) -> None:
     result = _run(two_tags, *camera, *options)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     (line,) = result.stderr.splitlines()
     assert said in line
 
@@ -137,7 +133,7 @@ def test_a_video_gives_a_line_for_each_frame_with_its_number_and_time(video: Pat
     assert [record["frame"] for record in records] == [0, 1, 2, 2]
     assert [record["time_s"] for record in records] == pytest.approx([0.0, 0.1, 0.2, 0.2])
     assert [record["status"] for record in records] == ["measured", "not_found", "measured", "measured"]
-    assert result.exit_code == 0, "one frame at least shows it"
+    assert result.returncode == 0, "one frame at least shows it"
     first = _run(video, *camera, *TAG).stdout.splitlines()[0]
     assert re.match(rf"{re.escape(str(video))}  frame    0     0\.000 s  tag 3  ", first)
 
@@ -148,14 +144,14 @@ def test_a_damaged_video_is_an_error_and_does_not_stop_the_others(
     bad = tmp_path / "bad.mp4"
     bad.write_bytes(video.read_bytes()[:200])
     result = _run(bad, tmp_path / "missing.mp4", two_tags, *camera, *TAG)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert len(result.stdout.splitlines()) == 2
     assert [line.split(":")[0] for line in result.stderr.splitlines()] == ["error", "error"]
 
 
 def test_a_camera_that_is_not_there_is_one_line(camera) -> None:
     result = _run("--live", "opencv,device=97", *camera, *TAG)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     (line,) = result.stderr.splitlines()
     assert "/dev/video97" in line
 
@@ -197,7 +193,7 @@ def test_a_live_camera_goes_on_until_ctrl_c(camera, monkeypatch: pytest.MonkeyPa
     result = _run("--live", "opencv,device=0", *camera, *TAG, "--json")
     records = [json.loads(line) for line in result.stdout.splitlines()]
     assert [(each["frame"], each["time_s"], each["id"]) for each in records] == [(0, 0.0, 3), (1, 0.25, 3)]
-    assert result.exit_code == 0
+    assert result.returncode == 0
     assert capture.is_closed
     assert result.stderr.splitlines() == [
         "note: asked for a fixed focus, the camera keeps refocusing",

@@ -8,7 +8,6 @@ import math
 import numpy as np
 from msgspec.structs import replace
 
-from stadimeter.cli.formatting import format_best, format_place
 from stadimeter.cli.measure_output import explanation, explanation_record
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.measurement import Measurement, MeasurementStatus
@@ -77,19 +76,6 @@ def test_a_tilt_that_may_as_well_be_the_other_way_is_said() -> None:
     assert "tilted 14°, or mirrored: both explain the picture nearly alike (ambiguity 0.93, 1 is no idea)" in lines[1]
 
 
-def test_a_ball_has_no_tilt_and_nothing_but_the_causes_that_it_has() -> None:
-    ball = replace(MEASURED, tilt_rad=None, ambiguity=None)
-    text = "\n".join(explanation(result(ball, parts=replace(PARTS, pose_m=0.0))))
-    assert "tilt" not in text
-    assert text.count("focal length") == 1
-    assert "other causes" not in text
-
-
-def test_a_remark_on_a_target_that_was_found_is_told() -> None:
-    remark = "3 tags in view; the largest was taken"
-    assert f"    remark     {remark}" in explanation(result(found=replace(FOUND, reason=remark)))
-
-
 def test_a_target_that_was_not_found_has_only_what_was_rejected() -> None:
     assert explanation(not_found(DOOR)) == [
         "    rejected   1  88 px at 120, 340  edge scatters by 2.1 px, limit 1.0 px"
@@ -99,22 +85,6 @@ def test_a_target_that_was_not_found_has_only_what_was_rejected() -> None:
 def test_a_picture_in_which_nothing_was_looked_at_says_so() -> None:
     assert explanation(not_found()) == ["    rejected   nothing was looked at"]
     assert explanation(result())[-1] == "    rejected   nothing else was looked at"
-
-
-def test_a_target_that_is_cut_off_is_told_where_it_is() -> None:
-    cut = replace(FOUND, status=DetectionStatus.TRUNCATED, reason="cut off by the left border of the picture")
-    measured = Measurement(
-        target="paper", status=MeasurementStatus.TRUNCATED, captured_at_s=0.0, reason="cut off by the left border"
-    )
-    lines = explanation(result(measured, cut, None))
-    assert lines[0].startswith("    seen       219.00 x 169.00 px")
-    assert len(lines) == 2, "the reason is in the line above already"
-
-
-def test_a_picture_that_could_not_be_read_is_not_explained() -> None:
-    error = Measurement(target="paper", status=MeasurementStatus.ERROR, captured_at_s=0.0, reason="empty")
-    assert explanation(result(error, None, None)) == []
-    assert explanation_record(result(error, None, None))["rejected"] == []
 
 
 def test_the_fields_for_programs_say_the_same() -> None:
@@ -137,20 +107,8 @@ def test_the_fields_for_programs_say_the_same() -> None:
     }
 
 
-def test_what_is_not_known_of_a_target_that_was_not_found_is_null() -> None:
-    for key in ["centre_px", "width_px", "quality", "sigma_edges_m"]:
-        assert explanation_record(not_found(DOOR))[key] is None
-
-
 def test_a_figure_that_is_no_number_is_null_for_programs() -> None:
     broken = replace(FOUND, size_sigma_px=math.inf, rejected=(replace(DOOR, size_px=math.nan),))
     record = explanation_record(result(found=broken))
     assert record["size_sigma_px"] is None
     json.dumps(record, allow_nan=False)
-
-
-def test_a_test_that_is_told_already_is_not_told_again() -> None:
-    assert format_place(DOOR) == "88 px at 120, 340"
-    assert format_best("no sheet", (DOOR, LAMP)) == f"looked at 88 px at 120, 340: {DOOR.reason}"
-    assert format_best(f"no sheet: {DOOR.reason}", (DOOR,)) == "looked at 88 px at 120, 340"
-    assert format_best("no sheet", ()) == ""

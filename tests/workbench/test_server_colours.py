@@ -13,19 +13,13 @@ import pytest
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.detectors.protocol import ColourView
-from stadimeter.errors import ChangedMeanwhileError, ConfigError, StadimeterError
+from stadimeter.errors import ChangedMeanwhileError, ConfigError
 from stadimeter.workbench.colour_aids import range_figures, with_range
 from stadimeter.workbench.saving import versions
 from stadimeter.workbench.server.editing import saved_text, version_of
 from stadimeter.workbench.server.operations import Desk, DeskReply, find_operation
 from support.browser import STILL, Served, served
 
-REST = """
-[camera]
-driver = "simulated"
-[world]
-path = [{ at = "0 s", x = "2 m", y = "0 m" }]
-"""
 GREEN, RED = "29,86,6:64,255,255", "170,120,70:10,255,255"
 
 
@@ -61,19 +55,6 @@ def test_the_saved_range_is_shown_with_what_the_ball_and_the_rest_give(desk: Des
     assert image.shape[1] == 320
 
 
-@pytest.mark.long
-def test_a_range_of_another_colour_finds_nothing_and_the_saved_one_says_where_the_ball_is(desk: Desk) -> None:
-    given = ask(desk, "picture", range=RED).data["range"]
-    assert not given["is_found"]
-    assert given["ball_share"] == pytest.approx(0.0, abs=0.05)
-    assert given["sigma_share"] is None
-
-
-def test_every_colour_is_on_the_ball_and_on_the_rest(desk: Desk) -> None:
-    given = ask(desk, "picture", range="0,0,0:179,255,255").data["range"]
-    assert given["ball_share"] == given["elsewhere_share"] == 1.0
-
-
 def test_a_range_is_saved_like_any_text_and_the_former_one_is_kept(desk: Desk) -> None:
     before = len(versions(desk.configuration))
     answer = ask(desk, "keep", range=RED, base_version=version_of(STILL)).data
@@ -97,14 +78,6 @@ def test_a_range_that_is_none_changes_nothing(desk: Desk, wrong: str) -> None:
     assert saved_text(desk) == STILL
 
 
-def test_without_a_run_or_a_target_it_says_so(desk: Desk, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="'disc'"):
-        find_operation("colours.picture")(desk, {"target": "disc"})
-    nowhere = Desk(configuration=desk.configuration, run_socket=tmp_path / "none.sock")
-    with pytest.raises(StadimeterError, match="gives no picture"):
-        ask(nowhere, "picture")
-
-
 @pytest.mark.parametrize(
     "table",
     [
@@ -124,11 +97,6 @@ def test_only_the_range_changes_however_it_is_written(tmp_path: Path, table: str
     assert changed.replace(RED, GREEN).replace('"', "'") == text.replace('"', "'")
     path.write_text(changed)
     assert str(load_configuration(path).targets[0].options.hsv) == RED  # type: ignore[attr-defined]
-
-
-def test_a_target_without_a_range_is_left_alone() -> None:
-    with pytest.raises(ConfigError, match="no range of colours stands"):
-        with_range("[targets.ball]\n", {}, "ball", RED)
 
 
 def view(mask: Any, *, outline: Any = ()) -> ColourView:

@@ -14,9 +14,8 @@ from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decision import Decision
 from stadimeter.core.observation import Observation
-from stadimeter.errors import ConfigError, NotThereError
 from stadimeter.workbench.replay import lanes
-from stadimeter.workbench.replay.lanes import SPANS_MAX, Lane, thin_points
+from stadimeter.workbench.replay.lanes import SPANS_MAX, Lane
 from stadimeter.workbench.server.operations import Desk, find_operation
 from support.observing import Rehearsal
 from support.saves import CONFIGURATION, LENS
@@ -66,31 +65,6 @@ def test_a_farther_threshold_is_crossed_earlier_and_left_later(desk: Desk) -> No
     assert [(each["change"], each["source"]) for each in found["differences"]] == [("moved", "near")] * 2
 
 
-def test_the_same_text_changes_nothing(desk: Desk) -> None:
-    found = diff(desk, BEFORE)
-    assert found["differences"] == []
-    assert found["lanes"][0]["before"] == found["lanes"][0]["after"]
-    assert "Every event is the same." in found["words"]
-
-
-def test_a_rule_that_is_new_and_one_that_is_gone_are_said(desk: Desk) -> None:
-    words = diff(desk, BEFORE.replace("[rules.near]", "[rules.nearer]"))["words"]
-    assert "nearer is new: raised once." in words
-    assert "near is gone: raised once." in words
-
-
-def test_a_target_that_was_not_looked_for_is_said(desk: Desk) -> None:
-    text = BEFORE + '\n[targets.box]\ndetector = "ideal"\n'
-    text = text.replace("[rules.near]", '[rules.near]\ntarget = "ball"')
-    assert any("box" in words for words in diff(desk, text)["words"])
-
-
-def test_a_text_that_is_wrong_has_its_problems(desk: Desk) -> None:
-    with pytest.raises(ConfigError) as refused:
-        diff(desk, BEFORE.replace("below", "bellow"))
-    assert refused.value.problems[0].line > 0
-
-
 def test_a_recording_that_is_damaged_is_compared_up_to_there(desk: Desk) -> None:
     file = desk.configuration.parent / "recordings" / "walk.jsonl"
     lines = file.read_bytes().split(b"\n")
@@ -99,11 +73,6 @@ def test_a_recording_that_is_damaged_is_compared_up_to_there(desk: Desk) -> None
     found = diff(desk, AFTER)
     assert (found["progress"], round(found["to_s"])) == (1.0, 7)
     assert any("walk.jsonl:201" in words for words in found["words"])
-
-
-def test_a_recording_that_is_not_there_is_a_sentence(desk: Desk) -> None:
-    with pytest.raises(NotThereError):
-        find_operation("replaying.replay_diff")(desk, {"name": "../walk.jsonl", "text": BEFORE})
 
 
 def test_a_long_recording_is_answered_in_parts_which_come_to_the_same(
@@ -138,17 +107,6 @@ def test_two_who_compare_at_once_both_come_to_the_end_also_while_the_recording_g
             share.append(diff(desk, text, for_s=0.1)["progress"])
             assert share[-1] == 1 or share[-1] > share[-2]
     assert min(map(len, shares.values())) > 3
-
-
-def test_what_is_left_out_of_a_drawing_is_no_peak_and_no_gap() -> None:
-    points = [(float(at), 2.0, 0.1) for at in range(20_000)]
-    points[7_777] = (7777.0, 0.1, 0.1)
-    points[9_999] = (9999.0, 9.0, 0.1)
-    points[15_000] = (15000.0, None, 0.0)
-    kept = thin_points(points)
-    assert len(kept) <= lanes.POINTS_MAX
-    assert {points[7_777], points[9_999], points[15_000], points[0]} <= set(kept)
-    assert kept == sorted(kept)
 
 
 def test_of_too_many_spans_those_nearest_to_each_other_are_joined() -> None:

@@ -87,14 +87,6 @@ def test_a_stretch_is_answered_in_steps_with_extremes_gaps_and_lanes(desk: Desk,
     assert found["is_kept"]
 
 
-def test_zoomed_in_each_second_is_answered(desk: Desk, folder: Path) -> None:
-    keep(folder, [2.0, 0.5, 2.0])
-    found = ask(desk, "timeline.timeline", from_=BEGAN_S + 0.5, to=BEGAN_S + 2.5, points=1000)
-    assert (found["from_s"], found["step_s"], found["count"]) == (BEGAN_S, 1, 3)
-    assert found["targets"]["ball"]["mean_m"] == [2.0, 0.5, 2.0]
-    assert found["lanes"][0]["spans"][1] == (BEGAN_S + 1, BEGAN_S + 2, "active")
-
-
 def test_runs_with_other_rules_are_joined_and_two_in_one_step_keep_both_extremes(desk: Desk, folder: Path) -> None:
     keep(folder, [2.0] * 5 + [0.4])
     keep(folder, [3.0] * 6, BEGAN_S + 10, rule="other")
@@ -107,11 +99,6 @@ def test_runs_with_other_rules_are_joined_and_two_in_one_step_keep_both_extremes
 def test_a_stretch_that_is_none_is_refused(desk: Desk, stretch: tuple[float, float]) -> None:
     with pytest.raises(ConfigError, match="at most 366 days"):
         ask(desk, "timeline.timeline", from_=stretch[0], to=stretch[1])
-
-
-def test_where_nothing_is_kept_the_answer_says_so(desk: Desk) -> None:
-    found = ask(desk, "timeline.timeline", from_=0, to=60)
-    assert (found["is_kept"], found["targets"], found["lanes"], found["events"]) == (False, {}, [], [])
 
 
 @pytest.mark.parametrize("is_service", [True, False])

@@ -29,7 +29,6 @@ SENSOR = SensorModel(size=BallShape(diameter_m=0.2, relative_sigma=0.01), camera
 _, NOISE_M = SENSOR.sigmas_m(2.0)
 
 distances_m = st.floats(0.1, 10)
-steps_s = st.floats(0, 5)
 
 
 def path_of(**motion: object) -> tuple[PathPoint, ...]:
@@ -49,23 +48,6 @@ def distances(measurements: list[Measurement]) -> list[float]:
     return [each.distance_m for each in measurements if each.distance_m is not None]
 
 
-def test_a_motion_that_is_repeated_begins_anew_each_time() -> None:
-    once = path_of(skip={"from": "2 m", "to": "1 m", "wait": "3 s", "stay": "1 s"})
-    thrice = path_of(skip={"from": "2 m", "to": "1 m", "wait": "3 s", "stay": "1 s"}, repeat=3)
-    assert [(point.at_s, point.distance_m) for point in once] == [(0, 2), (3, 2), (3, 1), (4, 1)]
-    assert [position_at(thrice, at_s).distance_m for at_s in (2.9, 3.5, 4.5, 7.5, 8.5, 11.5)] == [2, 1, 2, 1, 2, 1]
-    assert thrice[-1].at_s == 12
-
-
-@st.composite
-def paths(draw: st.DrawFn) -> tuple[PathPoint, ...]:
-    at_s, points = 0.0, []
-    for distance_m, step_s in draw(st.lists(st.tuples(distances_m, steps_s), min_size=2, max_size=6)):
-        points.append(PathPoint(at_s=at_s, distance_m=distance_m))
-        at_s += step_s
-    return tuple(points)
-
-
 def test_a_target_that_is_too_small_in_the_picture_is_not_found() -> None:
     assert not distances(measured(standing(41.0), frames=20))
     assert distances(measured(standing(30.0), frames=20))
@@ -81,12 +63,6 @@ def test_a_target_that_approaches_waits_then_goes_evenly_then_stays() -> None:
     path = path_of(approach={"from": "4 m", "to": "1 m", "speed": "2 m/s", "stay": "2 s"})
     assert [position_at(path, at_s).distance_m for at_s in (0, 1, 1.5, 2.5, 3, 9)] == [4, 4, 3, 1, 1, 1]
     assert path[-1].at_s == 4.5
-
-
-def test_a_target_that_skips_is_there_from_one_moment_to_the_next() -> None:
-    path = path_of(skip={"from": "3 m", "to": "40 cm"})
-    assert position_at(path, 0.9999).distance_m == 3
-    assert position_at(path, 1.0).distance_m == 0.4
 
 
 def test_points_have_directions_and_those_of_the_motion_where_they_have_none() -> None:
@@ -118,11 +94,6 @@ def test_the_stated_sigma_holds_what_is_the_same_in_every_frame_too() -> None:
     assert without_size_error.sigmas_m(2.0)[0] == pytest.approx(expect(BallShape(diameter_m=0.2), CAMERA, 2.0).sigma_m)
 
 
-def test_a_factor_makes_the_noise_larger_than_the_camera_says_it_is() -> None:
-    once, thrice = (distances(measured(standing(), noise=factor)) for factor in (1.0, 3.0))
-    assert [each - 2 for each in thrice] == pytest.approx([3 * (each - 2) for each in once])
-
-
 def test_dropouts_and_gross_errors_come_as_often_as_asked() -> None:
     found = measured(standing(), 10_000, dropouts=0.05, outliers=0.02)
     missing = sum(each.status is MeasurementStatus.NOT_FOUND for each in found)
@@ -132,17 +103,6 @@ def test_dropouts_and_gross_errors_come_as_often_as_asked() -> None:
     assert all(2.0 / OUTLIER_FACTOR <= each <= 2.0 * OUTLIER_FACTOR for each in gross)
 
 
-def test_what_goes_wrong_more_often_leaves_every_other_frame_as_it_was() -> None:
-    plain, worse = measured(standing()), measured(standing(), dropouts=0.1, outliers=0.1)
-    same = sum(one == other for one, other in zip(plain, worse, strict=True))
-    assert 0.75 * len(plain) < same < 0.87 * len(plain)
-
-
-def test_the_same_seed_gives_the_same_distances_and_another_others() -> None:
-    assert measured(standing(), seed=3, dropouts=0.1) == measured(standing(), seed=3, dropouts=0.1)
-    assert measured(standing(), seed=3) != measured(standing(), seed=4)
-
-
 def test_out_of_sight_there_is_nothing_to_measure_and_the_reason_says_so() -> None:
     span = SpanTable.model_validate({"from": "1 s", "for": "0.5 s"})
     found = measured(standing(), 60, lost=[span])
@@ -150,12 +110,6 @@ def test_out_of_sight_there_is_nothing_to_measure_and_the_reason_says_so() -> No
     assert missing == list(range(30, 45))
     assert {found[index].reason for index in missing} == {"out of sight"}
     assert all(each.status is MeasurementStatus.NOT_FOUND for each in measured((), 10))
-
-
-def test_depth_and_direction_fit_together() -> None:
-    (seen,) = measured(path_of(hover={"at": "2 m", "for": "1 s"}, bearing="30 deg", elevation="10 deg"), 1)
-    assert seen.position_m is not None
-    assert math.hypot(*seen.position_m) == pytest.approx(seen.distance_m)
 
 
 @given(distances_m, st.integers(0, 50), st.floats(0, 100))
