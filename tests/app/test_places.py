@@ -141,12 +141,18 @@ print(len(connection.recv(1000)), flush=True)
 
 @pytest.fixture
 def theirs(tmp_path, monkeypatch):
-    """Return a user who is not us. Without the rights of root, we pretend to be somebody else, whose folder it is."""
+    """Return a user who is not us. Without the rights of root, we are the ones who pretend to be somebody else."""
     real = os.getuid()
     if real != 0:
         monkeypatch.setattr(os, "getuid", lambda: real + 1)
-        monkeypatch.setattr(places, "check_folder", lambda folder: folder)
     return real or 65534
+
+
+@pytest.fixture
+def folder_is_ours(monkeypatch):
+    """Have the folder believed: without the rights of root it is that of the user who pretends to be another."""
+    if os.geteuid() != 0:
+        monkeypatch.setattr(places, "check_folder", lambda folder: folder)
 
 
 def give_to(user, path):
@@ -154,6 +160,7 @@ def give_to(user, path):
         os.chown(path, user, -1)
 
 
+@pytest.mark.usefixtures("folder_is_ours")
 def test_another_user_who_listens_in_our_place_is_told_nothing(tmp_path, theirs):
     path = tmp_path / "door.sock"
     with subprocess.Popen(
@@ -167,6 +174,7 @@ def test_another_user_who_listens_in_our_place_is_told_nothing(tmp_path, theirs)
         impostor.kill()
 
 
+@pytest.mark.usefixtures("folder_is_ours")
 def test_a_socket_of_another_user_is_not_asked(instance, theirs):
     give_to(theirs, instance)
     with pytest.raises(ControlError, match=r"sock: not asked: it belongs to another user \(\d+\)"):
