@@ -200,15 +200,6 @@ def test_a_disk_that_is_full_is_told_and_does_not_hold_up_the_run(disk):
     assert kept.end() == ""
 
 
-def test_a_file_that_cannot_be_used_keeps_no_run_from_beginning(disk):
-    disk.trouble = "run.sqlite3 is used by another run"
-    kept = Kept(disk, NEAR)
-    assert kept.keeper.warning == disk.trouble
-    kept.see(3, 3, 0.6, 0.6, 0.6)
-    assert kept.end() == ""
-    assert disk.written == []
-
-
 def test_a_defect_in_writing_is_told_and_does_not_hold_up_the_run(disk, monkeypatch):
     def defect(*_):
         raise ZeroDivisionError("a defect")
@@ -223,16 +214,6 @@ def test_a_defect_in_writing_is_told_and_does_not_hold_up_the_run(disk, monkeypa
 @pytest.fixture
 def path(tmp_path):
     return tmp_path / "run.sqlite3"
-
-
-def test_an_alarm_goes_on_in_the_next_run(path):
-    first = Kept(AlarmStore(path), NEAR)
-    first.see(3, 3, 0.6, 0.6, 0.6)
-    first.end()
-    second = Kept(AlarmStore(path), NEAR, clock_s=30.0)
-    second.see(0.6, 0.6, 3, 3, 3, 3, 3, 3, 3)
-    second.end()
-    assert second.run.events("near") == ["cleared"]
 
 
 def test_a_run_that_never_turned_leaves_the_file_as_it_was(path):

@@ -160,11 +160,6 @@ def test_a_stop_that_fails_is_told_and_the_others_stop_all_the_same(rig):
     assert rig.base.stop_times_s
 
 
-def test_the_number_of_frames_can_be_limited(rig):
-    rig.loop.run(Limits(frames=7))
-    assert rig.loop.history.frames == 7
-
-
 SCRIPT = """
 import os, sys
 from pathlib import Path

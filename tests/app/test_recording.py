@@ -289,18 +289,6 @@ def test_an_mcap_file_of_another_program_is_refused_and_not_overwritten(tmp_path
     assert path.read_bytes() == before
 
 
-def test_an_older_recording_is_kept_under_another_name_from_the_first_cycle_on(tmp_path):
-    path = tmp_path / "run.mcap"
-    recorded(path, 5, 4, 3)
-    old = path.read_bytes()
-    RecordingWriter(path, RECORDED).close()
-    assert path.read_bytes() == old
-    recorded(path, 5)
-    assert len(list(records_of(read_mcap(path)))) == 6
-    assert (tmp_path / "run-1.mcap").read_bytes() == old
-    assert path.stat().st_mode & 0o777 == 0o600
-
-
 def test_a_missing_library_names_the_extra_that_brings_it(tmp_path, monkeypatch):
     monkeypatch.setattr("stadimeter.config.extras.find_spec", lambda _name: None)
     with pytest.raises(DriverUnavailableError, match=r"pip install 'stadimeter\[record\]'"):

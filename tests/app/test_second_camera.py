@@ -27,16 +27,6 @@ GONE = 'faults = [{ at = "1 s", for = "1 s", kind = "block-second-camera" }]'
 
 
 @pytest.mark.long
-def test_a_run_measures_with_both_cameras_and_says_so(tmp_path):
-    run = Watched(load(tmp_path), 3.0).run()
-    errors, _ = run.errors()
-    assert len(errors) > 80
-    assert np.median(errors) < 0.003
-    assert set(run.remarks()) == {TOGETHER_AND_SIZE}
-    assert run.cycles[-1][0].decision.tracks[0].reason == TOGETHER_AND_SIZE
-
-
-@pytest.mark.long
 def test_a_target_of_unknown_size_is_measured_whatever_size_is_written(tmp_path):
     size = '=detector = "ball"\nhsv = "29,86,6:64,255,255"\ndiameter = "8 cm"\ntolerance = "unknown"'
     run = Watched(load(tmp_path, targets_ball=size), 2.0).run()
