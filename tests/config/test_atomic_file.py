@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ast
 import os
+import stat
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -48,6 +50,32 @@ def test_a_disk_that_fills_up_leaves_the_old_file_as_it_was(tmp_path: Path) -> N
     assert len(list(tmp_path.iterdir())) == 1
 
 
+def make_device(path: Path) -> None:
+    """Make a node of a device that swallows all, as /dev/null is one; never try it on that."""
+    try:
+        os.mknod(path, stat.S_IFCHR | 0o666, os.makedev(1, 3))
+    except PermissionError:
+        pytest.skip("only root makes devices, and not everywhere")
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, Path.mkdir, make_device])
+@pytest.mark.parametrize("by_link", [False, True])
+def test_only_a_file_is_replaced_and_anything_else_is_left_alone(
+    tmp_path: Path, make: Callable[[Path], None], by_link: bool
+) -> None:
+    place = tmp_path / "special"
+    make(place)
+    before = place.stat().st_mode
+    name = tmp_path / "link" if by_link else place
+    if by_link:
+        name.symlink_to(place)
+    with pytest.raises(OSError, match="no regular file, and is left alone|directory"):
+        write_all_atomically({tmp_path / "other": b"new", name: b"new"})
+    assert place.stat().st_mode == before
+    assert name.is_symlink() == by_link
+    assert not (tmp_path / "other").exists()
+
+
 def test_a_folder_in_the_way_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     with pytest.raises(OSError, match="directory"):
@@ -84,9 +112,13 @@ def test_savers_at_the_same_time_wait_for_each_other(tmp_path: Path) -> None:
 def test_a_save_of_several_files_that_fails_leaves_the_hidden_file_of_another_saver_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "b").mkdir()
     hidden = tmp_path / ".a.part"
-    monkeypatch.setattr(atomic_file, "_sync_folder", lambda _: hidden.write_bytes(b"of the next saver"))
+
+    def go_on(_: Path) -> None:
+        hidden.write_bytes(b"of the next saver")
+        (tmp_path / "b").mkdir()
+
+    monkeypatch.setattr(atomic_file, "_sync_folder", go_on)
     with pytest.raises(OSError, match="directory"):
         write_all_atomically({tmp_path / "a": b"new", tmp_path / "b": b"new"})
     assert hidden.read_bytes() == b"of the next saver"

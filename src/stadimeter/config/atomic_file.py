@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import stat
@@ -44,6 +45,8 @@ def write_all_atomically(files: Mapping[Path, bytes], like: Path | None = None) 
     with ExitStack() as closing:
         opened: dict[Path, BinaryIO] = {}
         try:
+            for place in places.values():
+                _refuse_other_than_file(place)
             for path in sorted(files, key=places.__getitem__):  # every saver's order, so that no two block each other
                 opened[path] = closing.enter_context(_open_locked(temporary[path]))
             for path, data in files.items():
@@ -114,6 +117,16 @@ def rename_to_free_name(path: Path, names: Iterator[str]) -> Path:
         free.unlink()
         raise
     return free
+
+
+def _refuse_other_than_file(path: Path) -> None:
+    """Raise `OSError` for what a file would take the place of and that no program could make again."""
+    with suppress(FileNotFoundError):
+        mode = path.lstat().st_mode
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, "it is a directory", str(path))
+        if not stat.S_ISREG(mode):
+            raise OSError(errno.EINVAL, "it is no regular file, and is left alone", str(path))
 
 
 def _fill(file: BinaryIO, data: bytes, like: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import hmac
+import errno
 import json
 import os
 import secrets
@@ -133,7 +134,13 @@ def _write(path: Path, passwords: Passwords) -> None:
 
 
 def replace_file(path: Path, text: str) -> None:
-    """Replace a file at once. It belongs to the owner of its folder, also where root writes it for a service."""
+    """Replace a file at once. It belongs to the owner of its folder, also where root writes it for a service.
+
+    Raises:
+        OSError: It cannot be written there, or is something else than a file, which is left alone.
+    """
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "it is no regular file, and is left alone", str(path))
     with tempfile.NamedTemporaryFile("w", dir=path.parent, prefix=f".{path.name}-", delete=False) as file:
         try:
             file.write(text + "\n")
