@@ -144,3 +144,22 @@ def test_a_video_that_loops_begins_again_at_its_end(tmp_path: Path) -> None:
     assert [round(float(frame.image.mean()), -1) for frame in frames] == [0, 10, 20, 0, 10]
     assert [frame.captured_at_s for frame in frames] == pytest.approx([0.0, 0.04, 0.08, 0.12, 0.16])
     camera.close()
+
+
+@pytest.mark.parametrize("name", ["a:b.avi", "2026-01-01T10:00:00.avi", "http:x.avi", "~$b.avi"])
+def test_a_name_that_looks_like_an_address_is_a_file(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_ramp(tmp_path / "ramp.avi").rename(tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    camera = VideoFileCamera(Path(name), None, ManualClock())
+    camera.open()
+    assert camera.read().image.shape[2] == 3
+    camera.close()
+
+
+def test_a_name_that_is_no_text_is_refused_and_does_not_end_the_process(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"b\xe4d.avi")
+    write_ramp(tmp_path / "ramp.avi").rename(path)
+    with pytest.raises(PictureError, match="name that is not UTF-8 text"):
+        VideoFileCamera(path, None, ManualClock()).open()

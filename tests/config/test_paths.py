@@ -8,7 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from stadimeter.config.plugins import DriverOptions
-from stadimeter.config.units import FilePath, validation_context
+from stadimeter.config.units import FilePath, path_from, validation_context
 
 
 class Named(DriverOptions):
@@ -37,3 +37,8 @@ def test_without_a_configuration_a_path_stays_as_written() -> None:
 def test_what_is_no_path_is_refused(value: object) -> None:
     with pytest.raises(ValidationError, match=r"is not a path; write it as text, such as 'pictures/desk\.png'"):
         Named.model_validate({"file": value})
+
+
+def test_a_name_that_only_begins_like_a_home_folder_is_a_name(tmp_path: Path) -> None:
+    assert path_from(tmp_path, "~$table.png") == tmp_path / "~$table.png"
+    assert path_from(tmp_path, "~/table.png") == Path.home() / "table.png"

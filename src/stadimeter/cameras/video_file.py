@@ -57,7 +57,7 @@ class VideoFileCamera(RecordedCamera):
     def _begin(self) -> float:
         if is_picture(check_file(self._path, "video")):
             raise PictureError(f"{self._path} is a picture, not a video; the camera for it is 'images'")
-        capture = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
+        capture = cv2.VideoCapture(self._place(), cv2.CAP_FFMPEG)
         if not capture.isOpened():
             capture.release()
             raise PictureError(f"{self._path} is not a video that OpenCV can read, or it is damaged or cut short")
@@ -68,6 +68,17 @@ class VideoFileCamera(RecordedCamera):
         self._announced = capture.get(cv2.CAP_PROP_FRAME_COUNT)
         self._read, self._ended = 0, False
         return self._asked_rate_hz or self._rate_of(capture)
+
+    def _place(self) -> str:
+        """Return the path as FFmpeg needs it: what stands before a colon is a protocol, unless it begins with a slash."""
+        place = str(self._path.absolute())
+        try:
+            place.encode()
+        except UnicodeEncodeError as error:  # OpenCV's binding ends the process at such a name
+            raise PictureError(
+                f"the video {self._path} has a name that is not UTF-8 text, which OpenCV cannot open; rename it"
+            ) from error
+        return place
 
     def _rate_of(self, capture: cv2.VideoCapture) -> float:
         rate_hz = capture.get(cv2.CAP_PROP_FPS)

@@ -377,7 +377,8 @@ def path_from(folder: Path, written: str | Path) -> Path:
     """Return the path that stands in a file.
 
     Args:
-        written: What stands there: relative to the folder, absolute, or below a home folder such as ``~``.
+        written: What stands there: relative to the folder, absolute, or below a home folder such as ``~``. Without
+            such a home folder it is a name that only begins like one, as ``~$table.png`` does.
 
     Raises:
         ValueError: It cannot be a path.
@@ -386,8 +387,8 @@ def path_from(folder: Path, written: str | Path) -> Path:
         raise ValueError("a path has no null character")
     try:
         return folder / Path(written).expanduser()
-    except RuntimeError as error:
-        raise ValueError(f"{str(written)!r}: there is no such home folder") from error
+    except RuntimeError:
+        return folder / written
 
 
 def _resolve(value: object, info: ValidationInfo) -> Path:

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.plugins import DriverChoice
-from stadimeter.config.units import parse_angle, parse_length, split_spread
+from stadimeter.config.units import parse_angle, parse_length, path_from, split_spread
 from stadimeter.core.camera_model import CameraModel, Provenance
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
@@ -306,7 +306,7 @@ def picture_at(folder: Path, text: str) -> PictureAt:
     path, at, length = text.rpartition("@")
     if not (at and path):
         raise ConfigError(f"{text!r} does not say how far away the target is; write it such as 2ft.png@24in")
-    return PictureAt(folder / Path(path).expanduser(), *parse_distance(length))
+    return PictureAt(path_from(folder, path), *parse_distance(length))
 
 
 def fit_lens(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[CameraModel, tuple[str, ...]]:

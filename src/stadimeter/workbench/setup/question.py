@@ -13,7 +13,7 @@ from msgspec import Struct, field
 from stadimeter.config.driver_tables import DriverKind, read_driver_table
 from stadimeter.config.findings import Finding
 from stadimeter.config.plugins import DriverChoice
-from stadimeter.config.units import validation_context
+from stadimeter.config.units import path_from, validation_context
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError, Problem, reason_of
@@ -77,7 +77,7 @@ class Known(Struct, kw_only=True):
 
     def path(self, name: str) -> Path:
         """Return the path of a file that an answer names."""
-        return self.folder / Path(name).expanduser()
+        return path_from(self.folder, name)
 
     def relative(self, file: str | Path) -> str:
         """Return the name that answers have for a file: its path from the folder, if it is in it."""
