@@ -20,6 +20,7 @@ def main() -> None:
     all of them again and again, so it rests until the work of a command begins: see `stadimeter.cli.main`.
     """
     gc.disable()
+    open_standard_streams()
     if os.environ.get("STADIMETER_PROGRESS") != "off":  # see `stadimeter.cli.progress`, which takes long to load
         give_first_sign()
     # None of our models has plugins. To look for them, pydantic reads a file of every installed package.
@@ -29,12 +30,27 @@ def main() -> None:
     command_line()
 
 
+def open_standard_streams() -> None:
+    """Open the null device as each standard stream that is closed, as ``<&-`` and some services leave them.
+
+    Else the first file that we open, such as a robot's serial port, gets the number of standard output, and whatever
+    a library prints goes there.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free, which is this one
+        if getattr(sys, name) is None:
+            stream = open(os.devnull, "r" if number == 0 else "w", encoding="utf-8")  # noqa: SIM115, PTH123 - until the end
+            setattr(sys, name, stream)
+
+
 def give_first_sign() -> None:
     """Say on standard error that this is starting, unless something is written within `FIRST_SIGN_S`."""
     is_written = threading.Event()
     for stream in (sys.stdout, sys.stderr):
-        if stream is not None:  # a program without a console has none
-            _watch_first_write(stream, is_written)
+        _watch_first_write(stream, is_written)
     threading.Thread(target=_sign_if_silent, args=(is_written,), name="first sign", daemon=True).start()
 
 
@@ -50,7 +66,7 @@ def _watch_first_write(stream: TextIO, is_written: threading.Event) -> None:
 
 
 def _sign_if_silent(is_written: threading.Event) -> None:
-    if not is_written.wait(FIRST_SIGN_S) and sys.stderr is not None:
+    if not is_written.wait(FIRST_SIGN_S):
         with suppress(OSError, ValueError):  # nobody listens, and the work goes on
             sys.stderr.write("starting ...\n")
             sys.stderr.flush()

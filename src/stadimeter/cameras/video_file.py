@@ -70,7 +70,7 @@ class VideoFileCamera(RecordedCamera):
         return self._asked_rate_hz or self._rate_of(capture)
 
     def _place(self) -> str:
-        """Return the path as FFmpeg needs it: what stands before a colon is a protocol, unless it begins with a slash."""
+        """Return the path as FFmpeg needs it: without a slash at its beginning, a colon would end a protocol."""
         place = str(self._path.absolute())
         try:
             place.encode()

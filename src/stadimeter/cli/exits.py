@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -21,6 +21,9 @@ WRONG = 2
 
 # Error numbers of writing to a closed pipe or terminal. Devices may fail with the same numbers.
 WRITING_FAILS = frozenset({errno.EPIPE, errno.EIO})
+
+# Of a disk that is full, for all or for this user, and of a file that may not become larger.
+NO_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
 # OpenCV's ``StsNoMem``, the code of its error.
 CV_NO_MEMORY = -4
@@ -65,10 +68,28 @@ def _replace_error(error: BaseException) -> Exception | None:
     if not isinstance(error, OSError) or error.errno not in WRITING_FAILS:
         return None
     if _is_reader_gone():
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123 - nothing is left to write to at exit
+        _give_output_up()
         return typer.Exit(DONE)
     # It is a device's. Click would take an EPIPE for our output's, and end without a word.
     return RuntimeError(f"{type(error).__name__}: {error}")
+
+
+def end_without_space(error: OSError) -> NoReturn:
+    """End the process in a line, since a disk is full: that of standard output, or of a file that is not looked after.
+
+    Any other error is raised again.
+    """
+    if error.errno not in NO_SPACE:
+        raise error
+    _give_output_up()
+    with suppress(OSError):  # standard error may go to the same disk
+        typer.echo(f"error: {error.filename or 'what is printed'} cannot be written: {reason_of(error)}", err=True)
+    sys.exit(WRONG)
+
+
+def _give_output_up() -> None:
+    """Write the rest of our output nowhere: what is left in its buffer would fail again at the end of the process."""
+    sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123 - until the end
 
 
 def _is_reader_gone() -> bool:

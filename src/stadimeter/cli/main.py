@@ -15,7 +15,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import stadimeter
-from stadimeter.cli.exits import WRONG
+from stadimeter.cli.exits import WRONG, end_without_space
 
 # The first sentence of the help of each command, by heading.
 PANELS: Mapping[str, Mapping[str, str]] = {
@@ -258,4 +258,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # a file's name need be no text, nor need a terminal know every letter
             write_plainly(stream)
-    app()
+    try:
+        app()
+    except OSError as error:
+        end_without_space(error)

@@ -6,9 +6,9 @@ The cookies of ended sessions are signed, and would open the page until they end
 from __future__ import annotations
 
 import asyncio
+import errno
 import hashlib
 import hmac
-import errno
 import json
 import os
 import secrets

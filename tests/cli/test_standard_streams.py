@@ -1,0 +1,43 @@
+"""Standard streams that are closed, or go to a disk that is full, cost a line and never a traceback."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+START = f'exec "{sys.executable}" -m stadimeter'
+
+
+def run(command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["sh", "-c", f"{START} {command}"], capture_output=True, text=True, check=False, timeout=120)
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&- 2>&-"])
+def test_a_stream_that_is_closed_is_as_one_to_nowhere(closed: str) -> None:
+    done = run(f"--version {closed}")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("stadimeter ") == (">&-" not in closed)
+
+
+def test_questions_without_a_standard_input_are_refused_as_those_without_a_terminal() -> None:
+    done = run("init x.toml <&-")
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: init asks questions, and there is no terminal here")
+
+
+@pytest.mark.parametrize("command", ["--version", "help", "check none.toml --json"])
+def test_a_disk_that_is_full_is_said_in_a_line(command: str) -> None:
+    done = run(f"{command} >/dev/full")
+    assert done.returncode == 2
+    assert done.stderr == "error: what is printed cannot be written: no space left on device\n"
+    assert run(f"{command} >/dev/full 2>&1").returncode == 2
+
+
+def test_what_is_opened_first_does_not_become_standard_output() -> None:
+    code = (
+        "from stadimeter.__main__ import open_standard_streams as o; o(); import os; os._exit(os.open('/dev/null', 0))"
+    )
+    done = subprocess.run(["sh", "-c", f'exec "{sys.executable}" -c "{code}" <&- >&- 2>&-'], check=False)
+    assert done.returncode > 2
