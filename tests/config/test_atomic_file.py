@@ -69,7 +69,7 @@ def test_only_a_file_is_replaced_and_anything_else_is_left_alone(
     name = tmp_path / "link" if by_link else place
     if by_link:
         name.symlink_to(place)
-    with pytest.raises(OSError, match="no regular file, and is left alone|directory"):
+    with pytest.raises(OSError, match=r"no regular file, and is left alone|directory"):
         write_all_atomically({tmp_path / "other": b"new", name: b"new"})
     assert place.stat().st_mode == before
     assert name.is_symlink() == by_link
