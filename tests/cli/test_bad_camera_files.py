@@ -30,20 +30,14 @@ def picture(tmp_path: Path) -> Path:
     ("text", "said"),
     [
         (GOOD + "fy_px = nan\n", ":4: fy_px: nan is not a finite number"),
-        (GOOD + "cy_px = inf\n", ":4: cy_px: inf is not a finite number"),
-        (GOOD + "fy_px = -600.0\n", ":4: fy_px: -600.0 is not above 0"),
-        (GOOD + "edge_bias_px = nan\n", ":4: edge_bias_px: nan is not a finite number"),
         (GOOD + "edge_bias_px = 100.0\n", ":4: edge_bias_px: 100.0 is above 5"),
-        (GOOD + "edge_bias_px = -100.0\n", ":4: edge_bias_px: -100.0 is below -5"),
         (GOOD + 'tone_curve = "lineer"\n', "did you mean 'linear'"),
         (GOOD + "distortion = [-0.9, 0.0, 0.0, 0.0]\n", "folds the picture before its corner at 0, 0 px"),
         (GOOD + "distortion = [1e9, 0.0, 0.0, 0.0]\n", "has a coefficient that no lens has"),
         (GOOD + "zoom = 2\n", ":4: zoom: unknown key 'zoom'"),
         (GOOD.replace("640", "0"), ":1: width_px: 0 is not above 0"),
         (GOOD.replace("600.0", "4.12"), "focal length fx_px = 4.12 is not that of a lens"),
-        (GOOD.replace("600.0", "1e-300"), "focal length fx_px = 1e-300 is not that of a lens"),
         (GOOD.replace("600.0", "1e17"), "focal length fx_px = 1e+17 is not that of a lens"),
-        (GOOD + "fy_px = 1e17\n", "focal length fy_px = 1e+17 is not that of a lens"),
     ],
 )
 def test_a_camera_file_that_cannot_be_right_is_one_line(picture: Path, tmp_path: Path, text: str, said: str) -> None:
@@ -83,12 +77,3 @@ def test_a_distance_that_no_lens_explains_writes_nothing(picture: Path, tmp_path
     assert "is not that of a lens" in line
     assert "check its unit, or the distance" in line
     assert not output.exists()
-
-
-def test_a_picture_of_another_aspect_is_refused_in_the_check_of_a_camera_file(picture: Path, tmp_path: Path) -> None:
-    file = tmp_path / "camera.toml"
-    file.write_text(GOOD.replace("640", "480"), encoding="utf-8")
-    result = _run("calibrate", "check", f"{picture}@30in", "--camera", file, *SHEET)
-    assert result.returncode == 2
-    (line,) = result.stderr.splitlines()
-    assert "calibrated at 480x480; a picture of 640x480 has another aspect" in line

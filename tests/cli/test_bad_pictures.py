@@ -213,12 +213,6 @@ def test_a_command_for_pictures_says_that_it_was_given_a_video(video: Path, comm
     assert line.startswith(f"error: this is a video: {video}; `stadimeter measure` takes videos")
 
 
-def test_pictures_are_taken_out_of_a_video_as_that_error_says(video: Path, tmp_path: Path) -> None:
-    arguments = ["snapshot", "--live", f"video,path={video}", "--count", "2", "--every", "100ms"]
-    assert typed(*arguments, "-o", tmp_path / "frame.png").returncode == 0
-    assert (tmp_path / "frame-2.png").exists()
-
-
 def test_a_video_is_measured_whatever_its_name_ends_with(video: Path, camera) -> None:
     unnamed = video.rename(video.with_name("drive"))
     assert len(_run(unnamed, *camera, "--json").stdout.splitlines()) == 2

@@ -63,12 +63,6 @@ def test_the_camera_file_is_written_and_told(pictures: list[Path], output: Path)
     assert 0 < model.focal_relative_sigma < 0.02
 
 
-def test_the_tone_curve_goes_into_the_camera_file(pictures: list[Path], output: Path) -> None:
-    for options, curve in (((), "srgb"), (("--tone-curve", "linear"), "linear")):
-        assert _run(*pictures, *BOARD, "-o", output, *options).returncode == 0
-        assert load_camera_model(output).tone_curve == curve
-
-
 def test_a_picture_without_the_board_is_left_out_and_exits_1(
     pictures: list[Path], output: Path, tmp_path: Path
 ) -> None:

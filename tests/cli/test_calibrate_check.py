@@ -62,9 +62,3 @@ def test_a_picture_without_the_target_exits_1(picture: Path, tmp_path: Path) -> 
     alone = _run(f"{wall}@30in", "--camera", _camera(tmp_path, 600), *SHEET)
     assert (alone.returncode, alone.stdout) == (1, "")
     assert "nothing was checked" in alone.stderr
-
-
-def test_a_camera_file_that_is_missing_exits_2(picture: Path, tmp_path: Path) -> None:
-    result = _run(f"{picture}@30in", "--camera", tmp_path / "none.toml", *SHEET)
-    assert result.returncode == 2
-    assert "there is no such file" in result.stderr

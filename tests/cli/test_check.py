@@ -159,10 +159,6 @@ def test_a_warning_counts_only_if_that_is_wanted(late: Path, arguments: tuple[st
     assert run_check(str(late), *arguments).exit_code == code
 
 
-def test_without_a_warning_strict_is_content() -> None:
-    assert run_check(str(CONFIGURATIONS / "distance-alert.toml"), "--strict", "--elsewhere").exit_code == 0
-
-
 def test_an_error_does_not_hide_the_warnings_about_other_rules(late: Path) -> None:
     late.write_text(f'{LATE}[rules.far]\nwhen = {{ abovee = "1 m" }}\n', encoding="utf-8")
     result = run_check(str(late))

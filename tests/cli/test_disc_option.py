@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from stadimeter.cli.formatting import CENTIMETRE
-from stadimeter.cli.target_options import targets_from_options
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
-from stadimeter.errors import ConfigError
 from support.command_line import Typed, typed
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.draw import CAMERA
@@ -37,25 +33,6 @@ def picture(tmp_path: Path):
         return path
 
     return make
-
-
-def test_the_option_makes_a_target() -> None:
-    wanted = targets_from_options({"--disc": "12 cm"})
-    (choice,) = wanted.choices
-    assert (choice.name, choice.driver) == ("disc", "disc")
-    assert choice.options.diameter == pytest.approx(0.12)
-    assert wanted.unit is CENTIMETRE
-
-
-def test_what_is_wrong_is_said() -> None:
-    for given, said in [
-        ({"disc": "12"}, "--disc: '12' has no unit"),
-        ({"disc": "0 cm"}, "--disc: '0 cm' is not a length above zero"),
-        ({"disc": "12 cm", "sheet": "11in,8.5in"}, "--sheet and --disc exclude each other"),
-        ({}, "--disc 12cm"),
-    ]:
-        with pytest.raises(ConfigError, match=re.escape(said)):
-            targets_from_options({f"--{name}": value for name, value in given.items()})
 
 
 def test_a_disc_is_measured_though_it_is_tilted(picture, tmp_path: Path) -> None:

@@ -4,19 +4,12 @@ from __future__ import annotations
 
 import io
 import json
-import os
-import pty
-import re
 import signal
-import struct
 import subprocess
 import sys
-import termios
 import threading
-import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from fcntl import ioctl
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +26,7 @@ from stadimeter.workbench.fleet.devices import STALE_S, Fleet
 from support.broker import HOST, MosquittoBroker, free_port
 from support.command_line import Typed, typed
 from support.simulated_run import SIMULATED_BALL
+from support.terminal import Terminal
 
 WAIT_S = 120.0
 LISTEN = "0.3 s"  # what has not arrived by then is looked for again
@@ -298,53 +292,24 @@ def test_a_real_run_is_seen_with_its_alarm_which_is_acknowledged_and_its_death(
         assert dead["troubles"][0] == "garage: offline"
 
 
-class Terminal:
-    """The real ``fleet`` on a pseudo-terminal, and what it drew."""
-
-    def __init__(self, port: int) -> None:
-        self._ours, theirs = pty.openpty()
-        ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 120, 0, 0))
-        command = [sys.executable, "-m", "stadimeter", "fleet", "--host", HOST, "--port", str(port)]
-        environment = {**os.environ, "TERM": "xterm-256color", "LANG": "C.UTF-8", "COLUMNS": "120"}
-        self.process = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, env=environment)
-        os.close(theirs)
-        self._drawn = b""
-
-    def until(self, words: str) -> None:
-        """Wait until words were drawn, after those that were waited for before."""
-        until_s = time.monotonic() + WAIT_S
-        while words not in (plain := re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", self._drawn.decode(errors="replace"))):
-            assert time.monotonic() < until_s, plain[-2000:]
-            self._drawn += os.read(self._ours, 65_536)
-        self._drawn = b""
-
-    def end(self) -> int:
-        self.process.send_signal(signal.SIGINT)
-        with suppress(OSError):
-            while os.read(self._ours, 65_536):
-                pass
-        os.close(self._ours)
-        return self.process.wait(WAIT_S)
-
-
 @pytest.mark.long
 def test_the_screen_says_when_the_broker_is_gone_and_when_it_is_back(
     broker: MosquittoBroker, closing: ExitStack
 ) -> None:
-    terminal = Terminal(broker.port)
-    closing.callback(terminal.process.kill)
+    terminal = Terminal("fleet", "--host", HOST, "--port", str(broker.port), columns=120)
+    closing.callback(terminal.close)
     with client_at(broker.port) as client, living(client, "garage"):
         try:
-            terminal.until("1 online")
-            terminal.until("ball 1.48 m ± 0.02")
+            terminal.wait_for("1 online")
+            terminal.wait_for("ball 1.48 m ± 0.02")
             broker.stop()
-            terminal.until("NOT CONNECTED")
+            terminal.wait_for("NOT CONNECTED")
         finally:
             client.disconnect()
     broker.start()
     with client_at(broker.port) as client, living(client, "garage"):
-        terminal.until("1 online")
-    assert terminal.end() == 0
+        terminal.wait_for("1 online")
+    assert terminal.ended(signal.SIGINT) == 0
 
 
 def drawn(fleet: Fleet, now_s: float, *, trouble: str = "", width: int = 120, height: int = 20) -> tuple[str, str]:

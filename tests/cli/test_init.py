@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import pty
 import re
-import select
-import subprocess
-import sys
-import time
 import tomllib
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -27,6 +22,7 @@ from support.scenes.ball import BallTarget
 from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget
 from support.scenes.render import render
 from support.scenes.scene import Scene
+from support.terminal import Terminal
 
 pytestmark = [pytest.mark.vision, pytest.mark.timeout(300)]  # a camera and its whole setup, several times
 
@@ -158,78 +154,37 @@ def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
     assert "the folder cannot be made" in told.stderr
 
 
-class Terminal:
-    """A session of `init` in a pseudo-terminal."""
-
-    def __init__(self, folder: Path, columns: int = 80) -> None:
-        self._ours, theirs = pty.openpty()
-        environment = {**os.environ, "COLUMNS": str(columns), "LINES": "24", "TERM": "xterm"}
-        # Ctrl-C reaches the program whose terminal it is. A fork that runs Python can hang where OpenBLAS has threads.
-        take_terminal = "import os, sys; os.login_tty(int(sys.argv[1])); os.execv(sys.argv[2], sys.argv[2:])"
-        command = [sys.executable, "-c", take_terminal, str(theirs), sys.executable, "-m", "stadimeter", "init"]
-        self._process = subprocess.Popen(command, cwd=folder, env=environment, pass_fds=[theirs])
-        os.close(theirs)
-        self._unread = ""
-        self.said = ""
-
-    def until(self, words: str) -> str:
-        """Return what was said up to some words; what is behind them is for the next call."""
-        deadline_s = time.monotonic() + 50
-        while words not in self._unread:
-            assert select.select([self._ours], [], [], max(0.0, deadline_s - time.monotonic()))[0], self._unread
-            self._take(os.read(self._ours, 65536))
-        said, self._unread = self._unread.split(words, 1)
-        return said + words
-
-    def _take(self, data: bytes) -> None:
-        text = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", data.decode())
-        self.said += text
-        self._unread += text
-
-    def types(self, answer: str) -> None:
-        os.write(self._ours, answer.encode())
-
-    def interrupt(self) -> None:
-        """Type Ctrl-C until there is an answer: Python misses one that comes just before it waits for a line."""
-        for _ in range(3):
-            self.types("\x03")
-            self.until("^C")
-            if self._unread or select.select([self._ours], [], [], 20)[0]:
-                return
-
-    def ends(self) -> int:
-        try:
-            while data := os.read(self._ours, 65536):
-                self._take(data)
-        except OSError:  # the other side is closed
-            pass
-        os.close(self._ours)
-        return self._process.wait(120)
+def interrupt(terminal: Terminal) -> None:
+    """Type Ctrl-C until there is an answer: Python misses one that comes just before it waits for a line."""
+    for _ in range(3):
+        terminal.press("\x03")
+        terminal.wait_for("^C")
+        if terminal.program.poll() is not None or terminal.look(20.0):
+            return
 
 
 @pytest.mark.long
 @pytest.mark.timeout(180)
 def test_it_is_left_with_ctrl_c_and_taken_up_again_in_a_narrow_terminal(tmp_path: Path) -> None:
     _picture(tmp_path / "1m.png", "disc", 1.0)
-    first = Terminal(tmp_path, columns=40)
-    for asked, answer in (("camera?", "\n"), ("measured?", "4\n"), ("How large", "20\n"), ("no unit", "20 cm\n")):
-        first.until(asked)
-        first.until("> ")
-        first.types(answer)
-    first.until("How far away")
-    first.until("> ")
-    first.interrupt()
-    assert first.ends() == 1
-    assert "Every answer is saved" in " ".join(first.said.split())
-
-    second = Terminal(tmp_path)
-    assert "Going on with the answers" in second.until("How far away")
-    for asked in ("> ", "happen?", "Nearer than", "drive?"):
-        second.until(asked)
-        if asked != "> ":
-            second.until("> ")
-        second.types("\n")
-    assert second.ends() == 0
+    with closing(Terminal("init", columns=40, folder=tmp_path)) as first:
+        for asked, answer in (("camera?", "\n"), ("measured?", "4\n"), ("How large", "20\n"), ("no unit", "20 cm\n")):
+            first.wait_for(asked)
+            first.wait_for("> ")
+            first.press(answer)
+        first.wait_for("How far away")
+        first.wait_for("> ")
+        interrupt(first)
+        assert first.ended() == 1
+        assert "Every answer is saved" in " ".join(first.shown.split())
+    with closing(Terminal("init", folder=tmp_path)) as second:
+        assert "Going on with the answers" in second.wait_for("How far away")
+        for asked in ("> ", "happen?", "Nearer than", "drive?"):
+            second.wait_for(asked)
+            if asked != "> ":
+                second.wait_for("> ")
+            second.press("\n")
+        assert second.ended() == 0
     assert load_configuration(tmp_path / "stadimeter.toml").plan.rules
 
 

@@ -14,15 +14,13 @@ import pytest
 from stadimeter.config import plugins
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.config.stereo_file import stereo_file_text
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.detectors.disc import DiscOptions
 from stadimeter.detectors.protocol import SetupKind, size_question
 from stadimeter.workbench.setup.interview import save_answers
-from support import two_cameras
 from support.command_line import Typed, typed
-from support.networks import bright_figure, put_figure, write_network
+from support.networks import write_network
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.cut_sheet import GroupTarget
@@ -57,13 +55,6 @@ def works(folder: Path, told: Typed) -> Configuration:
     return load_configuration(folder / "stadimeter.toml")
 
 
-def dark_room(height_px: int) -> Image:
-    """Return a picture in which a network finds one bright thing of this height."""
-    image = np.random.default_rng(0).integers(20, 90, (480, 640, 3), np.uint8)
-    put_figure(image, bright_figure(height_px, round(0.4 * height_px)), 200, 100)
-    return image
-
-
 def balls(*places: tuple[float, float, float]) -> Image:
     first, *others = (BallTarget(position_m=place, diameter_m=BALL_M) for place in sorted(places, key=lambda p: p[2]))
     target = GroupTarget(first=first, others=tuple(others)) if others else first
@@ -74,17 +65,6 @@ def measured(folder: Path, picture: str) -> dict[str, float | None]:
     told = run("measure", folder / picture, "--config", folder / "stadimeter.toml", "--json")
     results = [json.loads(line) for line in told.stdout.splitlines()]
     return {each["target"]: each["distance_m"] for each in results}
-
-
-@pytest.mark.long
-def test_a_person_is_set_up_with_a_network_of_this_folder_and_measured(tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / "person.png"), dark_room(300))
-    write_network(tmp_path / "mine.onnx", "yolox")
-    told = init(tmp_path, target="person", size="1.72 m ± 7 cm", near_near="4 m")
-    assert "model = mine.onnx" in told.stdout, "the only network in the folder is ready"
-    configuration = works(tmp_path, told)
-    assert configuration.targets[0].options.class_name == "person"
-    assert measured(tmp_path, "person.png")["person"] == pytest.approx(600 * 1.72 / 300, rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -125,24 +105,6 @@ def test_several_balls_are_set_up_counted_and_measured_each_by_its_name(tmp_path
     assert "balls-1" in between.stdout.splitlines()[-1]
     ran = run("run", tmp_path / "stadimeter.toml", "--no-state", "--speed", "0", "--seconds", "3")
     assert "crowd raised" in ran.stdout
-
-
-@pytest.mark.long
-def test_a_second_camera_is_asked_for_and_measures_in_the_run_that_follows(tmp_path: Path) -> None:
-    (tmp_path / "stereo.toml").write_text(stereo_file_text(two_cameras.BESIDE))
-    given = {
-        "camera": "simulated",
-        "calibration": "60 deg",
-        "target": "ball",
-        "size": "7 cm",
-        "wish": "floor stereo near",
-    }
-    refused = init(tmp_path, **given, stereo_file="other.toml")
-    assert "stereo_file" in refused.stderr, "it is refused at its own question"
-    told = init(tmp_path, **given, stereo_camera="simulated,baseline=12cm")
-    configuration = works(tmp_path, told)
-    assert configuration.second_camera is not None
-    assert configuration.camera_model.fx_px == two_cameras.LENS.fx_px
 
 
 class CoinOptions(DiscOptions):

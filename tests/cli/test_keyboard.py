@@ -4,16 +4,9 @@ from __future__ import annotations
 
 import os
 import pty
-import select
 import signal
-import struct
-import subprocess
-import sys
 import termios
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from fcntl import ioctl
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -22,76 +15,12 @@ from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.cli.demo import fault_keys
 from stadimeter.cli.keyboard import Keyboard, RunKeys
-
-PATIENCE_S = 120.0
-
-IN_ITS_TERMINAL = """
-import sys, fcntl, termios
-fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-from stadimeter.__main__ import main
-main()
-"""
-
-
-class Terminal:
-    """A pseudo-terminal with a program in it, whose controlling terminal it is."""
-
-    def __init__(self, *command: str, columns: int = 80, rows: int = 24, **env: str) -> None:
-        self.board, self.there = pty.openpty()
-        ioctl(self.there, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
-        self.before = termios.tcgetattr(self.there)
-        self.shown = ""
-        self.program = subprocess.Popen(
-            [sys.executable, "-c", IN_ITS_TERMINAL, *command],
-            stdin=self.there,
-            stdout=self.there,
-            stderr=self.there,
-            start_new_session=True,
-            env={**os.environ, "TERM": "xterm-256color", "PYTHONIOENCODING": "utf-8", **env},
-        )
-
-    def wait_for(self, words: str) -> str:
-        """Return what was shown until these words came, from the last redraw on."""
-        deadline_s = time.monotonic() + PATIENCE_S
-        while words not in self.shown:
-            assert time.monotonic() < deadline_s, f"{words!r} never came; the last was: {self.shown[-3000:]}"
-            if select.select([self.board], [], [], 0.1)[0]:
-                self.shown += os.read(self.board, 65536).decode("utf-8", "replace")
-        before, _, self.shown = self.shown.partition(words)
-        return before + words
-
-    def press(self, keys: str) -> None:
-        os.write(self.board, keys.encode())
-
-    def ended(self) -> int:
-        """Let the program end, and return its exit code."""
-        deadline_s = time.monotonic() + PATIENCE_S
-        while self.program.poll() is None and time.monotonic() < deadline_s:
-            if select.select([self.board], [], [], 0.1)[0]:
-                self.shown += os.read(self.board, 65536).decode("utf-8", "replace")
-        while select.select([self.board], [], [], 0)[0]:
-            self.shown += os.read(self.board, 65536).decode("utf-8", "replace")
-        return self.program.wait(1)
-
-    def is_as_before(self) -> bool:
-        return termios.tcgetattr(self.there) == self.before
-
-
-@contextmanager
-def terminal(*command: str, **how: Any) -> Iterator[Terminal]:
-    it = Terminal(*command, **how)
-    try:
-        yield it
-    finally:
-        it.program.kill()
-        it.program.wait()
-        os.close(it.board)
-        os.close(it.there)
+from support.terminal import Terminal
 
 
 @pytest.mark.long
 def test_keys_pause_and_explain_the_demonstration_make_things_go_wrong_and_end_it() -> None:
-    with terminal("demo") as it:
+    with closing(Terminal("demo")) as it:
         it.wait_for(" unplug robot ")
         it.press("h")
         it.wait_for("The ball is hidden on purpose")
@@ -114,20 +43,19 @@ def test_keys_pause_and_explain_the_demonstration_make_things_go_wrong_and_end_i
 @pytest.mark.long
 def test_a_signal_gives_the_terminal_back_also_while_the_demonstration_is_paused() -> None:
     for number, keys in [(signal.SIGINT, ""), (signal.SIGTERM, " ")]:
-        with terminal("demo") as it:
+        with closing(Terminal("demo")) as it:
             it.wait_for(" quit ")
             it.press(keys)
             it.wait_for(" go on " if keys else " ACTIVE ")
             assert not it.is_as_before()
-            it.program.send_signal(number)
-            assert it.ended() == 0
+            assert it.ended(number) == 0
             assert it.is_as_before()
-            assert "\x1b[?1049l" in it.shown
+            assert "\x1b[?1049l" in it.raw
 
 
 @pytest.mark.long
 def test_a_run_that_is_watched_has_keys_too_and_no_others() -> None:
-    with terminal("run", "config/demo.toml", "--watch", "--no-state") as it:
+    with closing(Terminal("run", "config/demo.toml", "--watch", "--no-state")) as it:
         shown = it.wait_for(" help ")
         assert "pause" not in shown
         it.press("q")

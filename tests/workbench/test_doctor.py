@@ -147,12 +147,6 @@ class TestLibraries:
         found = only(replace(PI_4, imports=(*LOADED[:5], of_pip)), tmp_path, "libraries")
         assert found.remedy.startswith("`sudo apt install python3-picamera2`, and make the environment anew")
 
-    def test_where_libraries_do_not_load_the_configuration_is_not_read(self, tmp_path: Path) -> None:
-        imports = (LOADED[0], library("numpy", "2.2.6"), library("cv2", error=f"ImportError: {self.ABI}"))
-        found = only(replace(PI_4, imports=imports), tmp_path, "configuration", CONFIG / "demo.toml")
-        assert found.severity is UNKNOWN
-        assert "libraries do not load" in found.seen
-
     @pytest.mark.parametrize(("code", "how"), [(-11, "crashes Python"), (None, "takes too long")])
     def test_a_library_that_crashes_or_hangs_is_named(self, tmp_path: Path, code: int | None, how: str) -> None:
         imports = (*LOADED[:2], {"trying": "cv2"})

@@ -88,9 +88,3 @@ def test_pictures_with_another_focus_are_noted(tmp_path: Path) -> None:
     (note,) = check_lens_settings([far, near])
     assert "near.jpg was focused at 0.3 m" in note
     assert check_lens_settings([near, near]) == ()
-
-
-def test_the_pictures_of_a_telephone(real_pictures: Path) -> None:
-    pictures = sorted((real_pictures / "seed_sheet" / "original").glob("*.jpg"))
-    assert {read_lens_settings(each).focal_length_mm for each in pictures} == {4.12}
-    assert check_lens_settings(pictures) == ()

@@ -7,7 +7,6 @@ from msgspec.structs import replace
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.persistence.resumption import ClockReading, Memory, resume, state_text
-from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.core.conditions.distance import DistanceCondition
@@ -75,18 +74,6 @@ def test_a_damaged_decision_is_an_error_that_names_its_line(tmp_path, part):
         replay(journal, plan())
 
 
-def test_what_comes_before_a_damaged_line_is_decided(tmp_path):
-    sights = [2.0] * 50
-
-    def damaged(line):
-        return line.replace('"now_s"', '"never_s"') if '"sequence":40,' in line else line
-
-    decided = decisions(journal_of(tmp_path / "run.jsonl", *sights, change=damaged), plan())
-    assert len([next(decided) for _ in range(40)]) == 40
-    with pytest.raises(JournalError, match=r"run\.jsonl:42: not a cycle of a recording: .*`now_s`"):
-        next(decided)
-
-
 @pytest.mark.long
 def test_of_thousands_of_other_decisions_each_counts(tmp_path):
     sights = [2.0, 2.0, *[0.8, 3.0] * 1200]
@@ -137,18 +124,6 @@ def test_a_damaged_configuration_that_was_taken_over_is_an_error_that_names_its_
     path.write_text(path.read_text() + '{"reloaded":{"at_s":1.0}}\n')
     with pytest.raises(JournalError, match=r"run\.jsonl:3: not a configuration: .*`configuration`"):
         list(read_journal(path).cycles())
-
-
-def test_a_cycle_that_repeats_its_rules_can_be_read_alone():
-    rehearsal = Rehearsal(plan())
-    decision = rehearsal.see(2.0, 2.0, 2.0)
-    (at_s, _), *_ = rehearsal.decisions
-    record = CycleRecord(observation=None, decision=decision, applied=(), timings_s={"decide": at_s})
-    encoder = CycleEncoder(repeats_rules=True)
-    assert encoder.encode(record) == encoder.encode(record)
-    cycle = RecordedCycle(encoder.encode(record), b"[]", "here")
-    assert cycle.decision_json() == encoder.decision_json(decision)
-    assert cycle.rules_json == encoder.rules_json(decision.rules)
 
 
 def test_what_a_run_took_over_from_an_earlier_one_is_taken_over_by_its_replay(tmp_path):

@@ -155,15 +155,6 @@ def test_an_output_fails_with_who_commands_it_and_why(run: Run) -> None:
     assert failure.expected == "never faster than 0.10 m/s"
 
 
-def test_a_target_that_is_lost_stops_what_nothing_confirms(run: Run) -> None:
-    lost = ', lost = [{ from = "2 s", for = "8 s" }]'
-    result = run(
-        hovering("2 m", "10 s", 'motor = { acts_at = "1.9 s", stopped_at = { from = "2.5 s", for = "7 s" } }', lost)
-    )
-    assert result.passed
-    assert ("target_lost", "ball") in [(event.kind.value, event.source) for _, event in result.events]
-
-
 def test_a_frozen_camera_gives_no_frames_and_cycles_all_the_same(run: Run) -> None:
     frozen = ', frozen = [{ from = "2 s", for = "4 s" }]'
     result = run(
@@ -282,19 +273,6 @@ def test_a_recording_is_judged_by_the_rules_of_the_configuration(run: Run, recor
     result = run(f'input = {{ journal = "{recorded.name}" }}\nexpect.near = {{ raised = 1, cleared = 1 }}')
     assert result.failures == ()
     assert result.took_s == pytest.approx(8, abs=0.1)
-
-
-def test_an_alarm_about_several_targets_is_expected_by_the_name_of_each(load: Load) -> None:
-    rules = RULES.replace("[actuators.buzzer]", '[targets.other]\ndetector = "ideal"\n\n[actuators.buzzer]')
-    rules = rules.replace("[rules.near]", '[rules.near]\ntargets = ["ball", "other"]')
-    for rule in ("far", "follow"):
-        rules = rules.replace(f"[rules.{rule}]", f'[rules.{rule}]\ntarget = "ball"')
-    tests = (
-        '[[tests]]\ninput = { target = "other", approach = { from = "2 m", to = "30 cm", speed = "1 m/s" } }\n'
-        'expect."near:other" = { raised = 1, raised_within = "0.2 s" }\nexpect."near:ball" = { raised = 0 }\n'
-    )
-    configuration = load(tests, rules)
-    assert run_rule_test(configuration, configuration.tests[0]).failures == ()
 
 
 def test_a_recording_that_is_no_recording_is_trouble_and_the_other_tests_go_on(load: Load, tmp_path: Path) -> None:

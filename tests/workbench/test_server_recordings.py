@@ -107,23 +107,6 @@ def test_any_moment_of_a_recording_comes_with_its_picture_and_its_cycle(tmp_path
         assert brightness(index, at_s) == number
 
 
-def test_a_moment_without_a_picture_shows_the_newest_before_it(tmp_path: Path) -> None:
-    index = read_index(record(tmp_path / "run.mcap", options=ImageOptions(rate_hz=0.5)))
-    assert [brightness(index, at_s) for at_s in (0.0, 1.5, 2.1, 4.5)] == [0, 0, 18, 36]
-    moment = index.moment(1.5)
-    assert moment.seen is not None
-    assert moment.seen.record().observation.frame.sequence == 0
-    assert read_index(record(tmp_path / "none.mcap", options=ImageOptions(images="none"))).moment(1.5).frame is None
-
-
-def test_a_recording_that_was_cut_off_is_good_up_to_there(tmp_path: Path) -> None:
-    whole = record(tmp_path / "run.mcap").read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
-    index = read_index(tmp_path / "cut.mcap")
-    assert 1.0 < index.seconds < 4.9
-    assert brightness(index, 1.0) == 10
-
-
 def test_the_newest_recording_is_listed_first_and_a_damaged_one_says_what_is_wrong(desk: Desk, folder: Path) -> None:
     whole = record(folder / "a.mcap").read_bytes()
     record(folder / "b.jsonl")

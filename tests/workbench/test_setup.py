@@ -17,7 +17,7 @@ from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.workbench.setup.base_steps import BaseStep, option_steps
 from stadimeter.workbench.setup.camera_step import table_of
 from stadimeter.workbench.setup.files import base_table, configuration_files
-from stadimeter.workbench.setup.interview import Interview, answer_all, load_answers, save_answers
+from stadimeter.workbench.setup.interview import Interview, load_answers, save_answers
 from stadimeter.workbench.setup.question import Known
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -74,14 +74,6 @@ def test_a_ball_before_a_camera_takes_nine_answers(interview: Interview, device:
     for name, text in configuration_files(known.answers, known.camera_model).items():
         (known.folder / name).write_text(text, encoding="utf-8")
     assert load_configuration(known.file).camera.options.device == str(device.node)
-
-
-def test_a_script_guesses_the_lens_rather_than_where_the_ball_is(tmp_path: Path, device: V4l2Double) -> None:
-    given = {"camera": _camera(device), "size": "20 cm", "colour": COLOUR}
-    interview = Interview(tmp_path)
-    answered = {key: accepted.answer for key, accepted in answer_all(interview, given, "answers.toml")}
-    assert answered["calibration"] == "60 deg"
-    assert "proof" not in answered
 
 
 @pytest.mark.long
@@ -178,20 +170,6 @@ def test_each_base_is_set_up_by_its_ready_answers_alone(tmp_path: Path, driver: 
     choice = known.choose(BASE, ("base",), table)
     assert choice.driver == driver
     assert {key.removeprefix("base_") for key in known.answers if key.startswith("base_")} < set(table)
-
-
-@pytest.mark.parametrize(
-    ("option", "answer", "words"),
-    [
-        ("left", "{ forward = 17 }", "a motor needs"),
-        ("track_width", "15", "has no unit"),
-    ],
-)
-def test_an_option_of_a_base_is_checked_by_its_driver(tmp_path: Path, option: str, answer: str, words: str) -> None:
-    known = Known(folder=tmp_path, answers={"wish": "follow", "base": "gpio-motors"})
-    step = next(each for each in option_steps("gpio-motors") if each.option == option)
-    with pytest.raises(ConfigError, match=words):
-        step.accept(known, answer)
 
 
 @pytest.mark.parametrize("answer", ['"', "\\", "a = b # c", "°", "\x7f"])

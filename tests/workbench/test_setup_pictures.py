@@ -10,7 +10,6 @@ from typer.testing import CliRunner
 
 from stadimeter.cli.main import app
 from stadimeter.core.frame import Image
-from stadimeter.workbench.setup.interview import Interview
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.draw import CAMERA
@@ -23,27 +22,6 @@ pytestmark = pytest.mark.vision
 def ball_at(near_side_m: float) -> Image:
     ball = BallTarget(position_m=(0.0, 0.0, near_side_m + 0.1), diameter_m=0.2)
     return render(Scene(camera=CAMERA, target=ball, seed=1, backdrop=PlainBackdrop())).image
-
-
-def test_the_question_says_and_draws_which_distance_to_a_ball_is_meant(tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / "ball.png"), ball_at(1.0))
-    interview = Interview(tmp_path)
-    for answer in ("ball.png", "ball", "20 cm", "20,60,40:50,255,255"):
-        interview.answer(answer, confirm=False)
-    question = interview.question()
-    assert question is not None
-    assert "its nearest point" in question.text
-    alone, with_picture = question.found
-    assert "nearest point" in alone
-    assert "near.jpg@1.1m: to its middle" in with_picture
-    focal_px = []
-    for answer in ("1 m", "ball.png@1.1m"):
-        interview.answer(answer, confirm=False)
-        assert interview.known.camera_model is not None
-        focal_px.append(interview.known.camera_model.fx_px)
-        interview.back()
-    assert focal_px[0] == pytest.approx(focal_px[1], rel=1e-3)
-    assert focal_px[0] == pytest.approx(600, rel=0.01)
 
 
 def mixed(folder: Path, other: tuple[int, int]) -> None:
