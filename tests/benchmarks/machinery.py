@@ -2,8 +2,7 @@
 
 The whole loop runs in a simulated world whose camera draws nothing and whose detector knows where the ball is. The
 time between two cycles of the loop is taken, less what the camera and the measurement took of it: what is left is
-deciding, applying, the journal, composing and sending messages, and the loop itself. Messages go to a simulated broker,
-and in one more row through a real client to a mosquitto of our own, if this machine has one.
+deciding, applying, the journal, composing and sending messages to a simulated broker, and the loop itself.
 
 Machines differ, and this one may be busy. Every row is the quietest of some rounds, which take turns, and stands as a
 multiple of a yardstick too that was measured in the same run: one `json.dumps` of a fixed object.
@@ -17,7 +16,7 @@ import math
 import statistics
 import tempfile
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -36,9 +35,7 @@ from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan
-from support.broker import HOST, MosquittoBroker
 from support.observing import measured
-from support.programs import path_of
 
 COUNTS = (1, 10, 100)
 FRAMES = 1200
@@ -46,7 +43,6 @@ ROUNDS = 5
 FRAME_S = 1 / 30
 OUTPUTS = 4
 WHOLE = "all but vision"
-WITH_BROKER = "all but vision, MQTT to mosquitto"
 YARDSTICK = {f"figure_{number}_m": number / 7 for number in range(40)}
 
 WORLD = """
@@ -85,7 +81,7 @@ class Row(Struct, frozen=True, kw_only=True):
     yardsticks: float
 
 
-def configuration(count: int, folder: Path, messenger: str = 'driver = "simulated"') -> Path:
+def configuration(count: int, folder: Path) -> Path:
     """Write a configuration with this many rules: near and far alarms all along the ball's way, with other delays each.
 
     One rule in twenty-five is a ramp. They share four outputs, so many ask for the same one.
@@ -93,7 +89,7 @@ def configuration(count: int, folder: Path, messenger: str = 'driver = "simulate
     outputs = "\n".join(f'[actuators.output-{number}]\ndriver = "simulated"' for number in range(min(count, OUTPUTS)))
     rules = "\n".join(_rule(number, count) for number in range(count))
     path = folder / f"{count}-rules.toml"
-    path.write_text(f"{WORLD}\n[messenger]\n{messenger}\n{outputs}\n{rules}\n")
+    path.write_text(f'{WORLD}\n[messenger]\ndriver = "simulated"\n{outputs}\n{rules}\n')
     return path
 
 
@@ -185,7 +181,7 @@ def measure_all(counts: Sequence[int] = COUNTS, frames: int = FRAMES, rounds: in
         The rows.
     """
     seen = observations(frames)
-    with tempfile.TemporaryDirectory() as name, ExitStack() as closing_broker:
+    with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         work: dict[tuple[str, int], Callable[[], list[float]]] = {("yardstick", 0): yardstick_times_s}
         for count in counts:
@@ -194,9 +190,6 @@ def measure_all(counts: Sequence[int] = COUNTS, frames: int = FRAMES, rounds: in
             work["decide", count] = partial(decide_times_s, plan, seen)
             work["all but vision, no journal", count] = partial(cycle_times_s, path, frames, None)
             work[WHOLE, count] = partial(cycle_times_s, path, frames, folder / "run.jsonl")
-        if path_of("mosquitto"):
-            path = _with_broker(max(counts), folder, closing_broker)
-            work[WITH_BROKER, max(counts)] = partial(cycle_times_s, path, frames, folder / "run.jsonl")
         times_s: dict[tuple[str, int], list[list[float]]] = {key: [] for key in work}
         for _ in range(rounds):
             for key, measure in work.items():
@@ -204,16 +197,6 @@ def measure_all(counts: Sequence[int] = COUNTS, frames: int = FRAMES, rounds: in
     quietest_s = {key: min(rounds_s, key=statistics.median) for key, rounds_s in times_s.items()}
     yardstick_s = statistics.median(quietest_s.pop(("yardstick", 0)))
     return [_row(what, count, row_s, yardstick_s) for (what, count), row_s in quietest_s.items()]
-
-
-def _with_broker(count: int, folder: Path, closing_broker: ExitStack) -> Path:
-    """Start a broker, and return a configuration that sends its messages there."""
-    own = folder / "mqtt"
-    own.mkdir()
-    broker = MosquittoBroker(own)
-    broker.start()
-    closing_broker.callback(broker.stop)
-    return configuration(count, own, f'driver = "mqtt"\nhost = "{HOST}"\nport = {broker.port}')
 
 
 def _row(what: str, rules: int, times_s: Sequence[float], yardstick_s: float) -> Row:
@@ -231,8 +214,6 @@ def markdown(rows: Sequence[Row]) -> str:
     """Return the rows as a Markdown table."""
     lines = ["| what | rules | median µs | p95 µs | × json.dumps |", "| --- | ---: | ---: | ---: | ---: |"]
     lines += [f"| {r.what} | {r.rules} | {r.median_us:.1f} | {r.p95_us:.1f} | {r.yardsticks:.2f} |" for r in rows]
-    if not path_of("mosquitto"):
-        lines.append(f"\nNot measured: {WITH_BROKER}; mosquitto is not installed here.")
     return "\n".join(lines)
 
 

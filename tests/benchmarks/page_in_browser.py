@@ -1,7 +1,7 @@
 """What the page costs in a real browser: from a frame to the screen, to the first picture, what is loaded and kept.
 
-`tests/web/test_figures.py` measures with it: the simulated camera at 640×480 and 30 Hz, its run, its page and a Chromium
-without a window, all on one computer.
+`tests/web/test_figures.py` measures with it: the simulated camera at 640×480 and 30 Hz, its run, its page and a
+Chromium without a window, all on one computer.
 """
 
 from __future__ import annotations

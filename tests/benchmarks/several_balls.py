@@ -1,6 +1,6 @@
-"""Several balls of one colour: how often two of them change places in the tracks, and what eight of them cost.
+"""Several balls of one colour: how often two of them change places in the tracks.
 
-Identities: balls wander about before the camera, on courses that follow from a seed, each at a depth of its own that
+Balls wander about before the camera, on courses that follow from a seed, each at a depth of its own that
 changes. The real `Perceiver` and the real tracks follow them. Either a stand-in for the detector gives what one would
 see (places with noise, single misses, nothing of a ball that is covered by half, a worse place and size where less is
 covered), or the pictures are rendered and the real detector looks. A swap is counted when the target that was one ball
@@ -15,36 +15,26 @@ import argparse
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from time import thread_time_ns
 from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from stadimeter.app.clock import SteppedClock
 from stadimeter.config.plugins import DriverContext
-from stadimeter.core.decide import decide, initial_state
-from stadimeter.core.frame import Frame
-from stadimeter.core.observation import FrameStamp, Observation
-from stadimeter.core.plan import Plan
 from stadimeter.detectors.ball import BallDetector, BallOptions
 from stadimeter.detectors.protocol import Detector
-from stadimeter.perception.perceiver import Perceiver
 from support.crossing_balls import (
     BLANK,
     DIAMETER_M,
     HIDDEN_SHARE,
-    RATE_HZ,
     Follower,
     PretendBalls,
     appearances,
     courses,
     picture_of,
 )
-from support.scenes.draw import CAMERA, REPORT_SEEDS, TUNING_SEEDS
+from support.scenes.draw import REPORT_SEEDS, TUNING_SEEDS
 
 HSV = "29,86,6:64,255,255"
 
@@ -88,44 +78,6 @@ def several(count: int | None) -> BallDetector:
     return detector
 
 
-def cost_ratio(seed: int, repetitions: int, balls: int = 8) -> tuple[float, float, float]:
-    """Return the cost of a frame with several balls tracked over that with one, and both in ms of the processor.
-
-    The perception of both runs, in turn, over the same rendered frames of balls that stand apart and swing a little,
-    a second long, so that one search of the whole picture is among them.
-    """
-    places = courses(seed, balls, 1.0, is_crossing=False)
-    pictures = [(picture_of(each, seed, n), picture_of(each[:1], seed, n)) for n, each in enumerate(places)]
-    times: tuple[list[float], list[float]] = ([], [])
-    for _ in range(repetitions):
-        runs = [_Timed(several(balls), balls), _Timed(several(None), 1)]
-        for number, images in enumerate(pictures):
-            for run, image, kept in zip(runs, images, times, strict=True):
-                taken_ns = run.step(image, number)
-                if number >= 3:  # tracked by then
-                    kept.append(taken_ns / 1e6)
-    many_ms, one_ms = (float(np.mean(each)) for each in times)
-    return many_ms / one_ms, many_ms, one_ms
-
-
-class _Timed:
-    def __init__(self, detector: Detector, balls: int) -> None:
-        names = tuple(f"balls-{number}" for number in range(1, balls + 1))
-        self._perceiver = Perceiver(dict.fromkeys(names, detector), CAMERA)
-        self._state = initial_state(Plan(targets=names))
-
-    def step(self, image: NDArray[np.uint8], number: int) -> int:
-        at_s = number / RATE_HZ
-        tracks = {each.track.target: each.track for each in self._state.tracks}
-        frame = Frame(image, at_s, number)
-        began_ns = thread_time_ns()
-        _, measurements = self._perceiver.look(frame, tracks)
-        taken_ns = thread_time_ns() - began_ns
-        stamp = FrameStamp(sequence=number, captured_at_s=at_s)
-        self._state, _ = decide(self._state, Observation(now_s=at_s, frame=stamp, measurements=measurements))
-        return taken_ns
-
-
 def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -133,7 +85,6 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--rendered", type=int, default=0, metavar="SEEDS")
-    parser.add_argument("--cost", type=int, default=0, metavar="REPETITIONS")
     given = parser.parse_args()
     first = (TUNING_SEEDS if given.tuning else REPORT_SEEDS)[0]
     seeds = range(first, first + given.seeds)
@@ -144,8 +95,6 @@ def main() -> None:
     if given.rendered:
         few = range(first, first + given.rendered)
         told["rendered, crossing"] = lambda: count_swaps(few, given.seconds, is_rendered=True)
-    if given.cost:
-        told["eight over one, ms, ms"] = lambda: cost_ratio(first, given.cost)
     for name, figures in told.items():
         print(name, figures(), flush=True)
 

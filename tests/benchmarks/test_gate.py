@@ -1,26 +1,15 @@
 """The gate against creeping cost lets noise pass, and no cost that stays."""
 
-import importlib.util
 import json
-import sys
-from pathlib import Path
 
 import pytest
 
-HERE = Path(__file__).parent
 
-
-@pytest.fixture(scope="module")
+@pytest.fixture
 def gate():
-    sys.path.insert(0, str(HERE))
-    spec = importlib.util.spec_from_file_location("gate", HERE / "gate.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["gate"] = module
-    spec.loader.exec_module(module)
-    yield module
-    for name in ("gate", "machinery", "start_up"):
-        del sys.modules[name]
-    sys.path.remove(str(HERE))
+    import gate
+
+    return gate
 
 
 def test_a_ratio_within_the_margin_passes_at_the_first_measurement(gate):
