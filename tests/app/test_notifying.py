@@ -170,15 +170,6 @@ def service() -> Iterator[WebhookListener]:
         yield listener
 
 
-@pytest.mark.long
-def test_a_real_notification_reaches_a_real_service(tmp_path, service):
-    (tmp_path / "phone.txt").write_text(f"json://{HOST}:{service.port}/hook")
-    loop = run(tmp_path, "apprise", 'url_file = "phone.txt"')
-    loop.run(Limits(seconds=8))
-    assert [posted["title"] for posted in service.posted] == ["near raised", "near: cleared"]
-    assert not loop.troubles
-
-
 def test_a_service_that_refuses_is_said_while_running(tmp_path, service):
     service.status = 403
     loop = run(tmp_path)

@@ -53,10 +53,10 @@ class System:
         self._socket.close()
 
 
-@pytest.fixture(params=["path", "abstract"])
+@pytest.fixture
 def system(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[System]:
-    name = str(tmp_path / "notify")
-    system = System(name if request.param == "path" else f"\0stadimeter-test-{os.getpid()}-{id(request)}")
+    is_abstract = getattr(request, "param", "a path") != "a path"
+    system = System(f"\0stadimeter-test-{os.getpid()}-{id(request)}" if is_abstract else str(tmp_path / "notify"))
     yield system
     system.close()
 
@@ -94,6 +94,7 @@ def seen(cycles: list[tuple[CycleRecord, Frame | None]]) -> tuple[CycleRecord, F
     return cycles[-1]
 
 
+@pytest.mark.parametrize("system", ["a path", "an abstract name"], indirect=True)
 def test_it_is_ready_with_the_first_cycle_and_not_before(system, seen):
     rig = Rig(system, seen, watchdog_s=2.0)
     assert system.heard() == []

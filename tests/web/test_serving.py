@@ -122,20 +122,6 @@ def test_a_certificate_that_does_not_fit_is_a_sentence(pairs, certificate, key, 
 
 
 @pytest.mark.long
-def test_with_a_certificate_it_serves_https(pairs, tmp_path):
-    options = ("--certificate", str(pairs / "one.pem"), "--key", str(pairs / "one.key"))
-    with served(tmp_path, None, *options, runs=False) as here:
-        assert here.url.startswith("https://127.0.0.1:")
-        port = int(here.url.rpartition(":")[2])
-        trust = ssl.create_default_context(cafile=str(pairs / "one.pem"))
-        trust.check_hostname = False
-        connection = http.client.HTTPSConnection("127.0.0.1", port, context=trust, timeout=120)
-        connection.request("GET", "/api/v1/session")
-        assert connection.getresponse().status == 200
-        connection.close()
-
-
-@pytest.mark.long
 def test_it_ends_at_once_also_with_streams_that_are_open(tmp_path):
     """A grace of uvicorn's would be cut short only by its time-out; here the streams end by themselves."""
     with served(tmp_path, None, runs=False) as here:
@@ -203,31 +189,21 @@ def asked(here, method, path, body=None):
 
 
 @pytest.mark.long
-def test_it_starts_the_run_and_ends_it_with_itself(tmp_path):
-    with served(tmp_path, runs=False) as here:
-        assert asked(here, "POST", "/api/v1/run/start")[0] == 200
-        told = asked(here, "GET", "/api/v1/session")[1]["run"]
-        assert told["is_running"]
-        assert asked(here, "POST", "/api/v1/run/start")[1]["error"]["code"] == "is-running"
-        here.page.send_signal(signal.SIGTERM)
-        here.page.wait(120)
-        with pytest.raises(ProcessLookupError):
-            os.kill(told["pid"], 0)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("number", "ended"),
-    [(signal.SIGHUP, True), (signal.SIGKILL, False)],
-    ids=["its terminal was closed", "it was killed"],
+    [(signal.SIGTERM, True), (signal.SIGHUP, True), (signal.SIGKILL, False)],
+    ids=["it was asked to", "its terminal was closed", "it was killed"],
 )
 def test_the_run_ends_with_the_page_that_started_it_however_that_ends(tmp_path, number, ended):
     with served(tmp_path, runs=False) as here:
         assert asked(here, "POST", "/api/v1/run/start")[0] == 200
-        run = asked(here, "GET", "/api/v1/session")[1]["run"]["pid"]
+        told = told_of_the_run(here)
+        assert told["is_running"]
+        assert asked(here, "POST", "/api/v1/run/start")[1]["error"]["code"] == "is-running"
         here.page.send_signal(number)
         assert (here.page.wait(120) == 0) == ended
-        assert eventually(lambda: not is_running(run))
+        assert eventually(lambda: not is_running(told["pid"]))
 
 
 @pytest.mark.long
