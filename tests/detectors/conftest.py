@@ -9,12 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.config.plugins import DriverContext
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.ball import BallDetector, BallOptions
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
-from stadimeter.testing.rig import ManualClock
 from support.through_lens import ThroughLens
 
 OVERSAMPLING = 8
@@ -66,12 +64,6 @@ def draw() -> SimpleNamespace:
 def wall_fixture() -> Callable[..., Image]:
     """Return a function that makes an even picture."""
     return wall
-
-
-@pytest.fixture
-def driver_context() -> Callable[[str], DriverContext]:
-    """Return a function that makes the context of a driver of that name."""
-    return lambda name: DriverContext(name=name, clock=ManualClock())
 
 
 @pytest.fixture

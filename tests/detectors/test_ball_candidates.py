@@ -27,7 +27,7 @@ def _ellipse(image: Image, half_axes: tuple[int, int], bgr: tuple[int, int, int]
     return drawn
 
 
-@pytest.mark.parametrize("away", [1.3, 1.6, 2.2])
+@pytest.mark.parametrize("away", [1.3, 2.2])
 def test_dots_of_its_colour_around_a_ball_do_not_win(ball_detector, draw, wall, away: float) -> None:
     picture = wall()
     for angle in np.arange(12) * math.pi / 6:
@@ -116,8 +116,7 @@ def test_a_ball_within_a_hoop_of_its_colour_is_found(ball_detector, draw, wall) 
     assert found.width_px == pytest.approx(80, rel=0.01)
 
 
-@pytest.mark.parametrize("turn_rad", [0.0, 0.3, 0.8])
-@pytest.mark.parametrize("half_px", [6.0, 10.0, 20.0])
+@pytest.mark.parametrize(("half_px", "turn_rad"), [(6.0, 0.0), (6.0, 0.8), (10.0, 0.3), (20.0, 0.0)])
 def test_a_square_of_its_colour_is_no_ball(ball_detector, draw, wall, half_px: float, turn_rad: float) -> None:
     turns = turn_rad + math.pi / 2 * np.arange(4)
     corners = np.column_stack([np.cos(turns), np.sin(turns)]) * (half_px * math.sqrt(2)) + CENTRE

@@ -26,10 +26,6 @@ def test_the_tutorials_green() -> None:
     assert green.mask(_pixel(200, 80, 40))[0, 0] == 0
 
 
-def test_blanks_do_not_matter() -> None:
-    assert parse_hsv_range(" 29, 86,6 : 64 ,255,255") == parse_hsv_range("29,86,6:64,255,255")
-
-
 def test_a_lower_hue_above_the_upper_one_wraps_through_red() -> None:
     red = parse_hsv_range("170,100,60:10,255,255")
     for bgr in ((0, 0, 200), (40, 0, 200), (0, 30, 200)):  # hue 0, 174 and 4

@@ -22,19 +22,9 @@ def test_linear_values_are_in_proportion_to_the_light() -> None:
     assert light_table("linear") == pytest.approx(np.arange(256) / 255)
 
 
-def test_a_picture_is_decoded_at_once() -> None:
-    picture = np.array([[[0, 188, 255]]], np.uint8)
-    assert light_table("srgb")[picture][0, 0] == pytest.approx((0.0, 0.5029, 1.0), abs=1e-4)
-
-
 @pytest.mark.parametrize("shape", [(1,), (3, 4), (5, 4, 7, 3), (2, 3, 4, 5, 3)])
 def test_codes_of_any_shape_are_decoded_as_by_the_table(shape) -> None:
     codes = np.random.default_rng(1).integers(0, 256, shape, np.uint8)
     for tone_curve in ("srgb", "linear"):
         table = light_table(tone_curve)
         assert np.array_equal(in_light(codes, table), table[codes])
-
-
-def test_the_table_is_shared_so_it_cannot_be_changed() -> None:
-    with pytest.raises(ValueError, match="read-only"):
-        light_table("srgb")[0] = 1.0

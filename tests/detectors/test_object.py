@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from stadimeter.config.plugins import DETECTORS, DriverContext, load_driver
+from stadimeter.config.plugins import DriverContext
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
@@ -29,7 +28,6 @@ FAMILIES = ("yolox", "yolov8", "nanodet", "yunet", "centerface")
 FACES = ("yunet", "centerface")
 ENGINES = ("opencv", "onnxruntime")
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
-Find = Callable[..., ObjectDetector]
 
 
 @pytest.fixture(scope="module")
@@ -326,7 +324,3 @@ def test_names_of_classes_come_from_the_file_or_are_those_of_coco_or_numbers(tmp
     assert examine(write_network(tmp_path / "b.onnx", "yolov8", is_named=False)).classes == ("0", "1", "2")
     many = examine(write_network(tmp_path / "c.onnx", "yolov8", [f"{n}" for n in range(80)], is_named=False)).classes
     assert (len(many), many[0], many[79]) == (80, "person", "toothbrush")
-
-
-def test_the_detector_is_found_by_its_entry_point() -> None:
-    assert load_driver(DETECTORS, "object") is ObjectOptions

@@ -79,7 +79,7 @@ def two_strips(draw, lens: CameraModel, depth_m: float, noise_px: float, seed: i
 
 
 @pytest.mark.parametrize("lens", [CAMERA, SMALL], ids=["640x480", "320x240"])
-@pytest.mark.parametrize("feet", [1, 3, 5, 6])
+@pytest.mark.parametrize("feet", [1, 6])
 @pytest.mark.parametrize(
     "more", [{"known_side": "height"}, {"known_side": "height", "hsv": "45,80,100:85,255,255"}, {"tolerance": "2 mm"}]
 )

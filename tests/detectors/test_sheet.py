@@ -14,13 +14,12 @@ from msgspec.structs import replace
 from pydantic import ValidationError
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import DetectionStatus, Prediction
+from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.detectors.sheet.lines import quad_frame
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate
-from stadimeter.ranging.flat import SheetShape
 from support.each_case import each_case
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.draw import CAMERA, empty_scene, sheet_scene
@@ -66,15 +65,6 @@ def test_a_white_sheet_on_wood_is_found_though_both_are_equally_bright(sheet_det
     assert sheet_detector().detect(draw.frame(picture)).width_px == pytest.approx(220.3, abs=0.3)
 
 
-@pytest.mark.parametrize("degrees", [0, 7, 20, 33])
-def test_a_turned_sheet_keeps_its_size(sheet_detector, draw, wall, degrees: int) -> None:
-    angle = math.radians(degrees)
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    corners = (np.array([(-110, -85), (110, -85), (110, 85), (-110, 85)]) @ turn.T) + (320, 240)
-    found = sheet_detector().detect(draw.frame(draw.noise(draw.polygon(wall(), corners, PAPER))))
-    assert (found.width_px, found.height_px) == pytest.approx((220, 170), abs=0.3)
-
-
 def seen_at(pose: Pose, camera: CameraModel = CAMERA) -> np.ndarray:
     placed = pose.placed(np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * LETTER_M / 2)
     return camera.project(placed[:, :2] / placed[:, 2:])
@@ -104,12 +94,6 @@ def test_a_larger_object_that_is_no_sheet_does_not_win(sheet_detector, draw, wal
     assert found.width_px == pytest.approx(220.3, abs=0.3)
 
 
-def test_the_largest_of_several_sheets_is_taken(sheet_detector, draw, wall) -> None:
-    picture = draw.polygon(wall(), [(40, 40), (150, 40), (150, 125), (40, 125)], PAPER)
-    found = sheet_detector().detect(draw.frame(draw.polygon(picture, LANDSCAPE, PAPER)))
-    assert found.width_px == pytest.approx(220.3, abs=0.3)
-
-
 def test_writing_and_pictures_on_the_sheet_do_not_matter(sheet_detector, draw, wall) -> None:
     picture = draw.polygon(wall(), LANDSCAPE, PAPER)
     picture = draw.polygon(picture, [(230, 180), (390, 180), (390, 290), (230, 290)], (40, 40, 40))
@@ -117,23 +101,12 @@ def test_writing_and_pictures_on_the_sheet_do_not_matter(sheet_detector, draw, w
     assert sheet_detector().detect(draw.frame(picture)).width_px == pytest.approx(220.3, abs=0.3)
 
 
-def test_a_thumb_over_one_side_does_not_matter(sheet_detector, draw, wall) -> None:
-    picture = draw.disc(draw.polygon(wall(), LANDSCAPE, PAPER), (420, 230), 20, (130, 160, 210))
-    assert sheet_detector().detect(draw.frame(picture)).width_px == pytest.approx(220.3, abs=0.5)
-
-
-@pytest.mark.parametrize("moved_by", [(-230, 0), (0, -180), (260, 0), (0, 200)], ids=["left", "top", "right", "bottom"])
+@pytest.mark.parametrize("moved_by", [(-230, 0), (0, -180), (260, 0), (0, 200), (-200.3, 0)])
 def test_a_sheet_cut_off_by_the_border_is_truncated(sheet_detector, draw, wall, moved_by) -> None:
     corners = np.array(LANDSCAPE) + moved_by
     found = sheet_detector().detect(draw.frame(draw.noise(draw.polygon(wall(), corners, PAPER))))
     assert found.status is DetectionStatus.TRUNCATED
     assert "cut off by the border" in found.reason
-
-
-def test_a_sheet_that_just_touches_the_border_is_truncated(sheet_detector, draw, wall) -> None:
-    corners = np.array(LANDSCAPE) - (200.3, 0)
-    found = sheet_detector().detect(draw.frame(draw.polygon(wall(), corners, PAPER)))
-    assert found.status is DetectionStatus.TRUNCATED
 
 
 def test_an_even_wall_has_no_contour_of_four_corners(sheet_detector, draw, wall) -> None:
@@ -173,39 +146,12 @@ def test_a_ribbon_is_too_long_for_a_sheet(sheet_detector, draw, wall) -> None:
     assert re.search(r"too long for the sheet: \d+\.\d to 1, limit 3\.8 to 1|from those of the sheet", found.reason)
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1), (2, 2), (7, 9)])
-def test_a_tiny_picture_holds_no_sheet(sheet_detector, draw, shape) -> None:
-    found = sheet_detector().detect(draw.frame(np.full((*shape, 3), 90, np.uint8)))
-    assert found.status is DetectionStatus.NOT_FOUND
-
-
-def test_the_frame_is_not_changed_and_gives_the_same_answer_again(sheet_detector, draw, wall) -> None:
-    picture = draw.noise(draw.polygon(wall(), LANDSCAPE, PAPER))
-    before = picture.copy()
-    detector = sheet_detector()
-    first, second = detector.detect(draw.frame(picture)), detector.detect(draw.frame(picture))
-    assert np.array_equal(picture, before)
-    assert first.width_px == second.width_px
-    assert np.array_equal(first.outline_px, second.outline_px)
-
-
-def test_the_target_size_is_what_the_options_say(sheet_detector) -> None:
-    size = sheet_detector(known_side="height").target_shape
-    assert size == SheetShape(width_m=pytest.approx(0.2794), height_m=pytest.approx(0.2159), known_side="height")
-
-
 @pytest.mark.parametrize(
     "wrong", [{"width": "0 in"}, {"height": "-1 in"}, {"width": 11}, {"known_side": "depth"}, {"min_side_px": 1}]
 )
 def test_wrong_options_are_refused(wrong) -> None:
     with pytest.raises(ValidationError):
         SheetOptions.model_validate({"width": "11 in", "height": "8.5 in", **wrong})
-
-
-def test_the_plugin_names_the_target_after_its_table(driver_context) -> None:
-    options = SheetOptions.model_validate({"width": "11 in", "height": "8.5 in"})
-    detector = options.build(driver_context("letter"))
-    assert detector.detect(Frame(np.zeros((20, 20, 3), np.uint8), 0.0, 0)).target == "letter"
 
 
 def _read(path: Path) -> Image:
@@ -358,37 +304,6 @@ def test_clutter_without_a_sheet_is_refused_with_a_reason() -> None:
     assert all(each.reason for each in refused)
 
 
-def test_with_a_prediction_the_same_corners_are_found_and_elsewhere_is_searched_if_it_is_wrong() -> None:
-    made = render(sheet_scene(4, 0.5))
-    frame = Frame(made.image, 0.0, 0)
-    free = with_camera().detect(frame)
-    x, y = made.truth.outline_px.mean(axis=0)
-    for centre in ((x, y), (x + 8, y - 6), (20.0, 20.0), (-500.0, 9000.0), (math.nan, 0.0)):
-        found = with_camera().detect(frame, Prediction(centre_px=centre, size_px=150, sigma_px=4.0))
-        assert worst_px(found.outline_px, free.outline_px) < 0.02, centre
-
-
-def test_of_two_sheets_the_one_near_the_prediction_is_taken(draw, wall) -> None:
-    left, right = (seen_at(Pose(position_m=(x, 0.0, depth))) for x, depth in ((-0.2, 1.0), (0.35, 1.4)))
-    frame = draw.frame(draw.polygon(draw.polygon(wall(), left, PAPER), right, PAPER))
-    detector = with_camera(width="11 in", height="8.5 in")
-    assert worst_px(detector.detect(frame).outline_px, left) < 0.3
-    x, y = right.mean(axis=0)
-    near = detector.detect(frame, Prediction(centre_px=(x, y), size_px=120, sigma_px=2.0))
-    assert worst_px(near.outline_px, right) < 0.3
-
-
-def test_where_the_search_starts_does_not_matter(draw, wall) -> None:
-    """Another version of OpenCV rounds contours differently; here another part of the picture does."""
-    corners = np.array(LANDSCAPE) + np.array((0.37, -0.21))
-    picture = draw.noise(draw.polygon(wall(), corners, PAPER))
-    whole = with_camera(width="11 in", height="8.5 in").detect(draw.frame(picture))
-    cut = picture[7:, 13:].copy()
-    camera = replace(CAMERA, width_px=627, height_px=473, cx_px=CAMERA.cx_px - 13, cy_px=CAMERA.cy_px - 7)
-    again = with_camera(camera, width="11 in", height="8.5 in").detect(draw.frame(cut))
-    assert worst_px(again.outline_px + np.array((13, 7)), whole.outline_px) < 0.02
-
-
 @pytest.mark.long
 @each_case("value", [0, 255])
 @each_case("shape", [(1, 1), (3, 200), (480, 640), (5000, 7000)])
@@ -404,15 +319,6 @@ def test_how_well_the_size_is_known_follows_from_the_tolerance() -> None:
     size = with_camera(width="40 cm", height="10 cm", tolerance="1 mm").target_shape
     assert size.relative_sigma == pytest.approx(0.001 / 0.2)
     assert with_camera().target_shape.relative_sigma == 0
-
-
-def test_a_black_square_is_as_good_as_paper(draw, wall) -> None:
-    pose = Pose(position_m=(0.03, 0.02, 0.4), tilt_rad=0.4, tilt_towards_rad=1.0, roll_rad=0.3)
-    placed = pose.placed(np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * 0.0508 / 2)
-    corners = CAMERA.project(placed[:, :2] / placed[:, 2:])
-    picture = draw.noise(draw.polygon(wall(bgr=(200, 205, 210)), corners, (25, 25, 30)))
-    found = with_camera(width="2 in", height="2 in").detect(draw.frame(picture))
-    assert worst_px(found.outline_px, corners) < 0.4
 
 
 def test_a_side_that_is_not_named_may_have_any_length(draw, wall) -> None:

@@ -124,9 +124,7 @@ def two_strips(draw, depths_m: tuple[float, float], lean_deg: float = 0.0) -> tu
     return draw.noise(picture), outlines
 
 
-@pytest.mark.parametrize("feet", [2, 3, 5, 7, 9])
-@pytest.mark.parametrize("lean_deg", [0.0, 14.5])
-@pytest.mark.parametrize("least", [{}, {"min_side_px": 8}])
+@pytest.mark.parametrize(("feet", "lean_deg", "least"), [(2, 14.5, {}), (5, 0.0, {}), (9, 14.5, {"min_side_px": 8})])
 def test_of_two_strips_of_tape_beside_each_other_one_is_measured(draw, feet: int, lean_deg: float, least) -> None:
     image, outlines = two_strips(draw, (feet * 0.3048, feet * 0.3048), lean_deg)
     detector = SheetDetector("tape", SheetOptions.model_validate({"width": "2 in", "height": "5.5 in", **least}))
@@ -171,7 +169,7 @@ def test_the_more_an_outline_stands_out_the_more_speaks_for_it(levels: int, more
     assert evidence(min(levels + more, 200)) > evidence(levels)
 
 
-@pytest.mark.parametrize("bias_px", [3.6, 7.0, 7.4, 100.0, -7.0])
+@pytest.mark.parametrize("bias_px", [3.6, 100.0, -7.0])
 @pytest.mark.parametrize("known_side", ["auto", "width"])
 def test_an_edge_bias_as_large_as_the_sheet_leaves_nothing_to_measure(draw, wall, bias_px, known_side) -> None:
     image = draw.noise(draw.polygon(wall(), card((330, 210), 14 / 0.75), WHITE))

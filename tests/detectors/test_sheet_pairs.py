@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,7 @@ from stadimeter.ranging.measure import measure
 from support.scenes.draw import CAMERA
 from support.scenes.render import render
 from support.scenes.rough import rough_flat
-from support.scenes.taped import cut_square, lit_tape
+from support.scenes.taped import lit_tape
 
 pytestmark = pytest.mark.vision
 
@@ -79,15 +77,6 @@ def test_lit_strips_side_by_side_are_measured_by_one_side(seed: int) -> None:
     seen = detector.detect(Frame(made.image, 0.0, 0), lens=CAMERA)
     assert seen.status is DetectionStatus.FOUND, seen.reason
     assert measure(seen, detector.target_shape, CAMERA, 0.0).distance_m == pytest.approx(made.truth.distance_m, rel=0.1)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("board", [False, True])
-def test_squares_on_a_board_are_drawn_and_the_truth_is_of_what_was_asked_for(board: bool) -> None:
-    flat = cut_square(1000, board=board)
-    truth = render(flat.scene).truth
-    sides = np.linalg.norm(np.roll(truth.outline_px, -1, axis=0) - truth.outline_px, axis=1)
-    assert math.isclose(sides[0] / sides[1], 4 / 3 if board else 1, rel_tol=0.15)
 
 
 @pytest.mark.parametrize("seed", [700009, 700035, 700059])

@@ -58,7 +58,7 @@ def no_search(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("no_search")
 @pytest.mark.parametrize("name", SHEET_NUISANCES)
 def test_a_tracked_sheet_is_as_exact_as_a_found_one_and_nothing_is_searched(name: str) -> None:
-    for seed, tilt in ((3, 0.0), (4, 0.5), (6, 1.0)):
+    for seed, tilt in ((3, 0.0), (6, 1.0)):
         made = render(SHEET_NUISANCES[name](sheet_scene(seed, tilt, plain=True)))
         found = detector().detect(Frame(made.image, 0.0, 0), expected_near(made.truth), lens=CAMERA)
         assert found.status is DetectionStatus.FOUND

@@ -11,7 +11,6 @@ import pytest
 from msgspec.structs import replace
 from pydantic import ValidationError
 
-from stadimeter.config.plugins import DETECTORS, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
@@ -19,7 +18,6 @@ from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.tag import TagDetector, TagOptions
 from stadimeter.detectors.tag.codes import DICTIONARIES, tag_family
 from stadimeter.detectors.tag.sides import measure_sides
-from stadimeter.ranging.flat import TagShape
 from support.each_case import each_case
 from support.scenes.draw import empty_scene, tag_scene
 from support.scenes.nuisances import distorted, motion, noise, tone
@@ -80,25 +78,6 @@ def test_the_corners_are_found_to_a_fraction_of_a_pixel(side_px: int, tilt_deg: 
     assert 0.5 < found.quality <= 1
 
 
-def test_a_tag_of_32_pixels_turned_by_40_degrees_is_found() -> None:
-    made = render(tag_scene(6, 32, math.radians(40)))
-    assert worst_px(seen(made.image), made.truth.outline_px) < 0.5
-
-
-def test_around_a_prediction_the_same_corners_are_found() -> None:
-    made = render(tag_scene(12, 70, 0.5))
-    whole, part = seen(made.image), seen(made.image, around(made.truth.outline_px))
-    assert np.asarray(part.outline_px) == pytest.approx(np.asarray(whole.outline_px), abs=0.1)
-    assert worst_px(part, made.truth.outline_px) < 0.15
-
-
-@pytest.mark.parametrize("centre", [(40.0, 40.0), (-500.0, 9e5)])
-def test_a_wrong_prediction_does_not_hide_the_tag(centre: tuple[float, float]) -> None:
-    picture = pasted((7, 400, 250, 80))
-    found = seen(picture, Prediction(centre_px=centre, size_px=60, sigma_px=5))
-    assert worst_px(found, square(400, 250, 80)) < 0.1
-
-
 def test_a_tag_turned_far_is_found_around_its_prediction() -> None:
     """Reduced to 40 pixels of length it would be 20 wide, which nobody reads, so the part is searched in full."""
     made = render(tag_scene(15, 100, math.radians(60)))
@@ -111,12 +90,6 @@ def test_without_a_number_the_largest_tag_is_taken_and_the_reason_says_so() -> N
     found = seen(pasted((3, 60, 60, 60), (9, 300, 200, 120), (5, 60, 300, 80)))
     assert worst_px(found, square(300, 200, 120)) < 0.1
     assert found.reason == "tag 9, one of 3 of apriltag-36h11 in view; name one with id"
-
-
-def test_without_a_number_the_tag_at_the_prediction_is_kept_though_another_is_larger() -> None:
-    picture = pasted((3, 60, 60, 60), (9, 300, 200, 120))
-    found = seen(picture, around(square(60, 60, 60)))
-    assert worst_px(found, square(60, 60, 60)) < 0.1
 
 
 def test_the_tag_with_the_number_is_taken_though_another_is_larger() -> None:
@@ -164,13 +137,6 @@ def test_white_on_black_counts_only_where_it_is_asked_for() -> None:
     assert seen(negative).status is DetectionStatus.NOT_FOUND
     assert worst_px(seen(negative, inverted=True), square(200, 200, 120)) < 0.1
     assert seen(pasted((3, 200, 200, 120)), inverted=True).status is DetectionStatus.FOUND
-
-
-@pytest.mark.parametrize("left", [0, 1])
-def test_a_tag_at_the_border_of_the_picture_gives_no_size(left: int) -> None:
-    found = seen(pasted((3, left, 200, 120)))
-    assert found.status is not DetectionStatus.FOUND
-    assert found.width_px == 0
 
 
 def test_a_tag_with_a_corner_beside_the_border_is_called_cut_off() -> None:
@@ -227,14 +193,6 @@ def test_a_tag_smaller_than_the_limit_is_not_taken() -> None:
     assert seen(picture, min_side_px=60).status is DetectionStatus.NOT_FOUND
 
 
-@each_case("shape", [(1, 1), (1, 500), (8, 8), (17, 9), (3, 2000)])
-@each_case("level", [0, 255])
-def test_empty_and_tiny_pictures_hold_no_tag(shape: tuple[int, int], level: int) -> None:
-    found = seen(np.full((*shape, 3), level, np.uint8), Prediction(centre_px=(0, 0), size_px=40, sigma_px=4))
-    assert found.status is DetectionStatus.NOT_FOUND
-    assert found.reason == "no tag of apriltag-36h11 of at least 16 px"
-
-
 def test_a_large_picture_is_searched_from_its_smallest_copy_on() -> None:
     picture = cv2.resize(pasted((3, 200, 200, 120)), (4000, 3000), interpolation=cv2.INTER_CUBIC)
     truth = (square(200, 200, 120) + 0.5) * 6.25 - 0.5
@@ -266,23 +224,6 @@ def test_colour_at_half_the_resolution_makes_the_size_less_certain() -> None:
     )
     assert halved > full > 0
     assert halved > 0.02
-
-
-def test_the_picture_is_not_changed_and_the_same_picture_gives_the_same_answer() -> None:
-    picture = pasted((3, 200, 200, 120))
-    before, finder = picture.copy(), detector()
-    first, second = finder.detect(Frame(picture, 0.0, 0)), finder.detect(Frame(picture, 0.0, 0))
-    assert (picture == before).all()
-    assert (first.outline_px == second.outline_px).all()
-
-
-def test_the_target_size_is_the_side() -> None:
-    assert detector(side="8 cm").target_shape == TagShape(side_m=0.08)
-
-
-def test_the_driver_is_found_by_its_name(driver_context) -> None:
-    assert load_driver(DETECTORS, "tag") is TagOptions
-    assert isinstance(TagOptions.model_validate({"side": "8 cm"}).build(driver_context("tag")), TagDetector)
 
 
 @pytest.mark.parametrize(
@@ -327,17 +268,6 @@ def test_other_tags_and_outlines_without_a_tag_are_told_with_the_test_that_they_
     assert len(found.rejected) <= 8
 
 
-def test_a_tag_that_is_found_is_not_among_the_rejected() -> None:
-    found = seen(pasted((9, 300, 200, 120)))
-    assert not [each for each in found.rejected if math.dist(each.centre_px, found.centre_px) < 20]
-
-
-def test_a_tag_cut_off_by_the_border_is_no_candidate_but_the_answer() -> None:
-    found = seen(pasted((7, 0, 200, 120)))
-    assert found.status is not DetectionStatus.FOUND
-    assert "%" in found.reason or "px" in found.reason
-
-
 @pytest.mark.parametrize("sigma_px", [0.6, 2.0, 4.5])
 def test_sides_are_where_they_are_however_blurred_and_wherever_the_search_starts(sigma_px: float) -> None:
     """A wide edge fills the first look, which must not take the edge's own grey for black and white."""
@@ -352,13 +282,6 @@ def test_sides_are_where_they_are_however_blurred_and_wherever_the_search_starts
         assert sides is not None
         assert np.abs(sides.corners_px - truth).max() < 0.02 * sigma_px
         assert sides.edge_px == pytest.approx([math.sqrt(2 * math.pi) * sigma_px] * 4, rel=0.15)
-
-
-def test_every_code_of_a_family_is_looked_up_as_the_product_of_matrices_finds_it() -> None:
-    family = tag_family("aruco-4x4-50")
-    for row, code in enumerate(family.codes):
-        agreement = family.codes @ code
-        assert agreement[family.rows[(code > 0).astype(np.uint8).tobytes()]] == agreement.max() == agreement[row]
 
 
 def test_so_many_wrong_cells_are_accepted_as_leave_no_doubt_whatever_the_version_of_opencv() -> None:
