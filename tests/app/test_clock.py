@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.testing.rig import ManualClock
+from support.programs import require
 
 
 def test_a_stepped_clock_stands_still_until_somebody_sleeps_on_it():
@@ -116,6 +117,7 @@ def test_a_paced_clock_that_was_held_up_goes_on_from_there_instead_of_catching_u
 
 def test_the_live_clock_goes_on_while_the_computer_sleeps():
     """Runs in a time namespace in which the computer has slept for a day, as far as its clocks can tell."""
+    require("unshare")
     asleep_s = 86_400
     namespace = ["unshare", "--user", "--map-root-user", "--time", "--boottime", str(asleep_s), "--fork"]
     if subprocess.run([*namespace, "true"], capture_output=True, check=False).returncode != 0:
