@@ -32,7 +32,7 @@ class Client:
     def __init__(self, control):
         self.socket = socket.socket(socket.AF_UNIX)
         self.socket.connect(str(control.path))
-        self.socket.settimeout(10)
+        self.socket.settimeout(120)
         self.file = self.socket.makefile("rb")
 
     def send(self, line):

@@ -28,7 +28,7 @@ class Client:
 
     def __init__(self, path, op="subscribe", **args):
         self.socket = socket.socket(socket.AF_UNIX)
-        self.socket.settimeout(10)
+        self.socket.settimeout(120)
         self.socket.connect(str(path))
         self.file = self.socket.makefile("rb")
         self.socket.sendall(json.dumps({"op": op, "args": args}).encode() + b"\n")

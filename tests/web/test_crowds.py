@@ -61,7 +61,7 @@ def connected(port, small=False):
     connection = socket.socket()
     if small:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    connection.settimeout(20)
+    connection.settimeout(120)
     connection.connect(("127.0.0.1", port))
     return connection
 
