@@ -56,9 +56,6 @@ KINDS: dict[str, Heights] = {
 OUTLIERS = "correlated by 0.6, 1 % outliers, 5 % missed"
 """That of `rule_policies`."""
 
-JUDGED = [kind for kind in (*KINDS, OUTLIERS) if kind != WIDER]
-"""Kinds whose standard deviation is as stated."""
-
 
 def seen_m(kind: str, true_m: Distances, random: np.random.Generator) -> Distances:
     """Return what is measured of true distances with one kind of noise."""

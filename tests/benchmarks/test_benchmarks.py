@@ -49,6 +49,7 @@ def sample(measured_m, *, sigma_m=0.01, row="clean", method="stadimeter", true_m
 
 
 @pytest.mark.long
+@pytest.mark.long
 def test_a_short_run_writes_a_report_with_every_trouble_and_every_goal(tmp_path) -> None:
     from goals import GOALS
 

@@ -177,20 +177,6 @@ def test_a_live_camera_is_calibrated_from_what_it_saw_until_ctrl_c(
     assert not camera.is_open
 
 
-def test_a_board_that_never_comes_in_sight_writes_nothing_and_exits_1(
-    output: Path, tmp_path: Path, held: Callable[..., Held]
-) -> None:
-    wall = tmp_path / "wall.png"
-    cv2.imwrite(str(wall), np.full((480, 640, 3), 90, np.uint8))
-    camera = held([wall], KeyboardInterrupt())
-    result = _run("--live", "opencv,device=0", *BOARD, "-o", output)
-    assert result.returncode == 1
-    assert "the camera saw no view of the board, so nothing was written" in result.stderr
-    assert result.stdout.count("no chessboard of 9x6 inner corners") == 1, "said once, not for every frame"
-    assert not output.exists()
-    assert not camera.is_open
-
-
 def test_a_camera_that_is_lost_is_closed_and_told(
     pictures: list[Path], output: Path, held: Callable[..., Held]
 ) -> None:
@@ -238,3 +224,11 @@ def test_pictures_and_a_camera_exclude_each_other(pictures: list[Path], output: 
         result = _run(*arguments, *BOARD, "-o", output)
         assert result.returncode == 2
         assert "give pictures of the board, or --live for a camera" in result.stderr
+
+
+def test_pictures_of_two_resolutions_are_refused(pictures: list[Path], output: Path, tmp_path: Path) -> None:
+    large = tmp_path / "large.png"
+    cv2.imwrite(str(large), cv2.resize(cv2.imread(str(pictures[0])), (1280, 960)))
+    result = _run(*pictures, large, *BOARD, "-o", output)
+    assert result.returncode == 2
+    assert f"{large} has 1280x960" in result.stderr

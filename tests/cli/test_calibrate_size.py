@@ -168,3 +168,12 @@ def test_before_a_camera_without_an_answer_nothing_is_learnt(camera, tmp_path) -
     result = _live(tmp_path, camera, [_image("ball", 0.0)], "")
     assert result.returncode == 1
     assert "there is no answer, so nothing was learnt" in result.stderr
+
+
+def test_two_tags_are_not_taken_for_one(camera, tmp_path) -> None:
+    other = TagTarget(pose=Pose(position_m=(0.1, 0.05, 1.7)), side_m=DIAMETER_M, number=9)
+    image = render(Scene(camera=LENS, target=other, seed=1, backdrop=PlainBackdrop())).image
+    a, b = _pictures(tmp_path, _image("tag", 0.0), image)
+    result = _run(a, f"{b}@30cm", "--camera", camera, "--tag", "unknown", "--family", "36h11")
+    assert result.returncode == 2
+    assert f"{b} shows number 9, an earlier picture 7; say which one is meant with --id 7" in result.stderr

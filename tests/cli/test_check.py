@@ -81,20 +81,6 @@ def test_a_sound_configuration_is_told_in_words() -> None:
     assert result.stdout.splitlines()[-1] == f"{file} can be used"
 
 
-def test_warnings_are_shown_and_counted(tmp_path: Path) -> None:
-    file = tmp_path / "quiet.toml"
-    text = (CONFIGURATIONS / "distance-alert.toml").read_text(encoding="utf-8")
-    text = text.replace('when = { below = "50 cm" }', 'when = { below = "50 cm" }\nlevel = 0')
-    file.write_text(text, encoding="utf-8")
-    result = run_check(str(file), "--elsewhere")
-    assert result.exit_code == 0
-    assert (
-        f"{text.splitlines().index('level = 0') + 1}: warning: rules.near.level: level 0 holds 'buzzer' still"
-        in result.stdout
-    )
-    assert result.stdout.splitlines()[-1] == f"{file} can be used, with 1 warning"
-
-
 def test_json_lists_the_problems_for_programs(wrong: Path) -> None:
     result = run_check(str(wrong), "--json")
     assert result.exit_code == 2

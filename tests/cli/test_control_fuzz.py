@@ -67,17 +67,7 @@ def instance(tmp_path):
     path = tmp_path / "door.sock"
     with (tmp_path / "said").open("w") as said:
         process = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "stadimeter",
-                "run",
-                str(config),
-                "--socket",
-                str(path),
-                "--state",
-                tmp_path / "state",
-            ],
+            [sys.executable, "-m", "stadimeter", "run", config, "--socket", path, "--state", tmp_path / "state"],
             stdin=subprocess.DEVNULL,
             stdout=said,
             stderr=said,

@@ -183,16 +183,6 @@ def test_the_newest_event_is_the_first_shown(make_record: Callable[..., CycleRec
     assert "38.0 s  rule-38 raised: reason 38" in rows[start + 2]
 
 
-def test_what_does_something_is_shown_first_when_not_all_rules_have_room(
-    make_record: Callable[..., CycleRecord],
-) -> None:
-    rules = tuple(RuleTrace(rule=f"rule-{number:02}", status=RuleStatus.IDLE) for number in range(30))
-    last = RuleTrace(rule="the-last", status=RuleStatus.ACTIVE, output="buzzer")
-    rows = screen(shown(make_record(rules=(*rules, last))))
-    assert row_with("the-last", rows)
-    assert re.search(r"and \d+ more", "\n".join(rows))
-
-
 def hostile(make_record: Callable[..., CycleRecord], make_track: Callable[..., Track]) -> CycleRecord:
     nasty = "\x1b[2J\r\n\t[bold]日本語 ± x\x07\u200b" * 20
     return make_record(
@@ -210,26 +200,13 @@ def hostile(make_record: Callable[..., CycleRecord], make_track: Callable[..., T
     ("width", "height"), [(1, 1), (5, 3), (20, 5), (40, 12), (60, 16), (80, 24), (99, 40), (100, 8), (132, 43)]
 )
 def test_at_any_size_the_view_fills_the_screen_and_no_more(
-    make_record: Callable[..., CycleRecord],
-    make_track: Callable[..., Track],
-    width: int,
-    height: int,
+    make_record: Callable[..., CycleRecord], make_track: Callable[..., Track], width: int, height: int
 ) -> None:
     for view in (shown(), shown(make_record()), shown(hostile(make_record, make_track))):
         rows = screen(view, width, height)
         assert len(rows) == height
         assert all(len(row) <= width for row in rows)
         assert all(character.isprintable() for row in rows for character in row)
-
-
-def test_without_a_colour_no_colour_is_sent_and_states_are_still_told_apart(
-    make_record: Callable[..., CycleRecord],
-) -> None:
-    file = io.StringIO()
-    console = Console(file=file, force_terminal=True, width=80, height=24, no_color=True, _environ={})
-    console.print(shown(make_record()).render())
-    codes = {code for sequence in re.findall(r"\x1b\[([\d;]*)m", file.getvalue()) for code in sequence.split(";")}
-    assert codes <= {"", "0", "1", "2", "3"}  # bold, dim, italic
 
 
 def test_drawing_is_driven_by_real_time_and_leaves_the_terminal_as_it_was(

@@ -112,14 +112,6 @@ def test_copies_in_the_pictures_own_folder_leave_the_pictures_alone(pictures: Pa
     assert (pictures / "ball-measured.png").exists()
 
 
-def test_pictures_of_the_same_name_get_two_copies(pictures: Path, camera, tmp_path: Path) -> None:
-    other = tmp_path / "other"
-    other.mkdir()
-    (other / "ball.png").write_bytes((pictures / "ball.png").read_bytes())
-    _run(pictures / "ball.png", other / "ball.png", *camera, *BALL, "--annotate", tmp_path / "out")
-    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["ball-measured-2.png", "ball-measured.png"]
-
-
 def test_a_configuration_says_what_to_look_for_and_through_which_camera(pictures: Path, tmp_path: Path) -> None:
     (tmp_path / "two.toml").write_text(
         """

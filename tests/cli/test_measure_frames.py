@@ -138,17 +138,6 @@ def test_a_video_gives_a_line_for_each_frame_with_its_number_and_time(video: Pat
     assert re.match(rf"{re.escape(str(video))}  frame    0     0\.000 s  tag 3  ", first)
 
 
-def test_a_damaged_video_is_an_error_and_does_not_stop_the_others(
-    tmp_path: Path, two_tags: Path, video: Path, camera
-) -> None:
-    bad = tmp_path / "bad.mp4"
-    bad.write_bytes(video.read_bytes()[:200])
-    result = _run(bad, tmp_path / "missing.mp4", two_tags, *camera, *TAG)
-    assert result.returncode == 2
-    assert len(result.stdout.splitlines()) == 2
-    assert [line.split(":")[0] for line in result.stderr.splitlines()] == ["error", "error"]
-
-
 def test_a_camera_that_is_not_there_is_one_line(camera) -> None:
     result = _run("--live", "opencv,device=97", *camera, *TAG)
     assert result.returncode == 2

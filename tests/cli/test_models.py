@@ -10,12 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from stadimeter.cli.main import app
-from stadimeter.config.loader import load_configuration
 from stadimeter.workbench import model_fetch
 from stadimeter.workbench.model_fetch import PackagedModel
 from support.networks import write_network
-
-CAMERA = "width_px = 640\nheight_px = 480\nfx_px = 600.0\nfy_px = 600.0\ncx_px = 319.5\ncy_px = 239.5\n"
 
 
 def run(*arguments: str | Path) -> tuple[int, str, str]:
@@ -50,16 +47,6 @@ def test_what_a_file_is_and_what_to_write_is_said(network: Path) -> None:
     assert "family: yolox\nclasses: person, dog, ball\n" in told
     assert "opencv: " in told
     assert f'[targets.person]\ndetector = "object"\nmodel = "{network}"\nfamily = "yolox"\nclass = "person"\n' in told
-
-
-def test_what_is_printed_can_be_loaded(network: Path) -> None:
-    _, told, _ = run("models", "check", network)
-    path = network.parent / "run.toml"
-    path.write_text(
-        f'[camera]\ndriver = "opencv"\ndevice = 0\n\n[camera.model]\n{CAMERA}\n' + told[told.index("[targets") :]
-    )
-    (target,) = load_configuration(path).targets
-    assert (target.name, target.driver, target.options.height.length_m) == ("person", "object", 1.7)
 
 
 def test_a_network_of_no_known_family_is_said_why(tmp_path: Path) -> None:

@@ -296,15 +296,6 @@ def test_the_status_says_what_waits_for_a_broker_that_is_away(terminal):
 
 
 @pytest.mark.long
-def test_two_instances_of_one_configuration_listen_at_two_places(terminal):
-    first, second = terminal.start(), terminal.start()
-    names = sorted(path.name for path in (terminal.folder / "r" / "stadimeter").iterdir())
-    assert names == [f"door-{second.process.pid}.sock", "door.sock"]
-    assert first.end() == second.end() == 0
-    assert list((terminal.folder / "r" / "stadimeter").iterdir()) == []
-
-
-@pytest.mark.long
 def test_a_reload_applies_changed_rules_and_keeps_the_state_of_the_others(terminal):
     instance = terminal.start()
     terminal.type("alarm", "ack", "near")
@@ -330,22 +321,6 @@ def test_a_bad_file_is_refused_with_its_line_and_the_running_one_stays(terminal)
     assert "unknown unit 'metres'" in done.stderr
     assert "near: active" in terminal.type("status").stdout
     assert instance.end() == 0
-
-
-@pytest.mark.long
-def test_alarms_go_on_after_a_kill(terminal):
-    state = terminal.folder / "door.sqlite3"
-    instance = terminal.start(None, "--state", state)
-    terminal.type("alarm", "ack", "near", "--by", "Zoë")
-    terminal.type("alarm", "take-out", "near")
-    eventually(lambda: b"out_of_service" in state.with_name("door.sqlite3-wal").read_bytes())
-    instance.process.kill()
-    instance.wait()
-    again = terminal.type("run", terminal.config, "--state", state, "--seconds", 2, "--speed", 0)
-    assert again.returncode == 0
-    assert "near raised" not in again.stdout
-    assert "ACTIVE near" in again.stdout
-    assert again.stderr == ""
 
 
 @pytest.mark.long
@@ -448,3 +423,17 @@ def test_somebody_else_behind_the_socket_is_told_apart(terminal):
         thread.join()
     assert done.returncode == 2
     assert "that is no instance of stadimeter" in done.stderr
+
+
+ALL_DAY = """
+[rules.all-day]
+when = { time = { between = ["00:00", "24:00"] } }
+on_delay = "0 s"
+"""
+
+
+def test_a_clock_that_the_user_trusts_is_right_enough_for_a_rule_that_goes_by_it(terminal):
+    terminal.write(ALL_DAY)
+    done = terminal.type("run", terminal.config, "--trust-clock", "--seconds", 1, "--speed", 0)
+    assert done.returncode == 0
+    assert "all-day raised" in done.stdout

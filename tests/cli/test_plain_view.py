@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from msgspec.structs import replace
-
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.cli.viewing import PlainView
 from stadimeter.core.command import LevelCommand
-from stadimeter.core.decision import Event, EventKind, RuleStatus, SafetyMode, Severity
+from stadimeter.core.decision import Event, EventKind, SafetyMode, Severity
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.track import Track, TrackStatus
 
@@ -30,15 +28,6 @@ def test_a_line_holds_targets_outputs_and_the_rules_that_act(make_record: Callab
             "CLEARING report: clears in 0.4 s"
         )
     ]
-
-
-def test_a_rule_that_is_kept_quiet_or_waits_for_somebody_says_so(make_record: Callable[..., CycleRecord]) -> None:
-    record = make_record(100.0)
-    first, *rest = record.decision.rules
-    quiet = replace(first, status=RuleStatus.ACTIVE, acknowledged=False, inhibits=("shelved", "observed"))
-    lines: list[str] = []
-    PlainView(lines.append).update(replace(record, decision=replace(record.decision, rules=(quiet, *rest))))
-    assert f"ACTIVE {first.rule} (unacknowledged, shelved, observed): " in lines[-1]
 
 
 def test_there_is_one_line_a_second_of_the_run(make_record: Callable[..., CycleRecord]) -> None:
@@ -101,15 +90,3 @@ def test_a_driver_s_words_stay_on_one_line(make_record: Callable[..., CycleRecor
     assert len(lines) == 1
     assert lines[0].isprintable()
     assert "2.43 m ± 0.04" in lines[0]
-
-
-def test_what_happens_in_a_simulated_world_is_told_when_it_changes(make_record: Callable[..., CycleRecord]) -> None:
-    lines: list[str] = []
-    told = iter(["it rolls beyond 3.05 m", "it rolls beyond 3.05 m", "", "it rolls beyond 3.05 m"])
-    view = PlainView(lines.append, narration=lambda: next(told), unit="ft")
-    for now_s in (100.0, 100.1, 100.2, 100.3):
-        view.update(make_record(now_s))
-    assert [line for line in lines if ">" in line] == [
-        "   0.0 s  > it rolls beyond 10.0 ft",
-        "   0.3 s  > it rolls beyond 10.0 ft",
-    ]

@@ -119,13 +119,7 @@ def test_a_printed_disc_is_found_with_its_size(tmp_path: Path) -> None:
     assert seen["depth_m"] == pytest.approx(FOCAL_PX / PX_PER_M, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        ("9x6", None, "25mm", None, None),
-        (None, "5x7", "35mm", "26mm", "4X4_50"),
-    ],
-)
+@pytest.mark.parametrize("options", [("9x6", None, "25mm", None, None), (None, "5x7", "35mm", "26mm", "4X4_50")])
 def test_a_printed_board_has_its_corners_where_calibrate_board_takes_them_to_be(
     tmp_path: Path, options: tuple[str | None, str | None, str, str | None, str | None]
 ) -> None:

@@ -9,16 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from stadimeter.cli.main import app
-from stadimeter.config.plugins import (
-    ACTUATORS,
-    BASES,
-    CAMERAS,
-    MESSENGERS,
-    PORTS,
-    WORLDS,
-    driver_names,
-    load_driver,
-)
+from stadimeter.config.plugins import ACTUATORS, BASES, CAMERAS, MESSENGERS, PORTS, WORLDS, driver_names, load_driver
 
 OPENED = (CAMERAS, ACTUATORS, BASES, MESSENGERS, PORTS, WORLDS)
 
@@ -154,22 +145,6 @@ def test_a_journal_has_no_pictures_and_says_where_to_get_some(recorded):
     assert "is a journal, and has no pictures to measure in; record one with" in done.stderr
 
 
-def test_a_configuration_taken_over_while_running_is_followed(recorded, tmp_path):
-    path = recorded[0]
-    header, *lines = path.read_text().splitlines()
-    far = DRAWN.replace("120 cm", "150 cm").replace('"lens.toml"', "{ width_px = 320, height_px = 240, fx_px = 300.0 }")
-    reload = json.dumps({"reloaded": {"at_s": 0.1, "configuration": {"text": far, "files": {}}}})
-    path.write_text("\n".join([header, *lines[:5], reload, *lines[5:]]) + "\n")
-    out = tmp_path / "out.jsonl"
-    (event,) = [
-        event
-        for event in json.loads(stadimeter("replay", path, "--json", "--journal", out).stdout)["events"]
-        if event["kind"] == "raised"
-    ]
-    assert "below 1.50 m" in event["reason"]
-    assert stadimeter("replay", out, "--strict").exit_code == 0
-
-
 def test_frames_without_pictures_count_as_missing_and_are_told(drawn, tmp_path):
     path = tmp_path / "run.mcap"
     stadimeter("run", drawn, "--seconds", 1, "--speed", 0, "--record", path, "--image-rate", 5)
@@ -186,14 +161,6 @@ def test_a_recording_that_was_cut_off_is_used_as_far_as_it_goes_and_said_so(reco
     assert done.exit_code == 0, done.output
     assert "whole cycles are used" in done.stderr
     assert "0 whole" not in done.stderr
-
-
-def test_a_target_that_was_never_looked_for_is_reported(recorded, drawn):
-    new = drawn.with_name("new.toml")
-    new.write_text(DRAWN.replace("targets.ball", "targets.bowl"))
-    done = stadimeter("replay", recorded[0], "--config", new)
-    assert done.exit_code == 0
-    assert "no frame was searched for 'bowl'" in done.stderr
 
 
 def test_a_configuration_inside_a_recording_that_cannot_be_used_is_told_with_the_recordings_name(recorded):

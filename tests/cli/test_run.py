@@ -1,8 +1,6 @@
 """The commands run, demo and replay, as a user types them."""
 
 import json
-import os
-import pty
 from pathlib import Path
 
 import pytest
@@ -168,25 +166,6 @@ def test_a_serial_port_that_is_absent_is_one_clear_line_and_2(tmp_path):
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert "/dev/ttyNONE7" in line
-
-
-def test_a_serial_port_that_is_already_open_is_one_clear_line_and_2(tmp_path):
-    import fcntl
-    import termios
-
-    master, slave = pty.openpty()
-    try:
-        fcntl.flock(slave, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        path = tmp_path / "simulated.toml"
-        path.write_text(SIMULATED + BASE.format(port=os.ttyname(slave)))
-        done = typed("run", path, "--seconds", 1, "--speed", 0)
-        assert termios.tcgetattr(slave)
-    finally:
-        os.close(master)
-        os.close(slave)
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
-    assert "another program" in line
 
 
 @pytest.mark.long

@@ -33,10 +33,7 @@ def test_a_base_is_stopped_by_hand(config: Path) -> None:
     ours, theirs = os.openpty()
     config.write_text(SIMULATED_BALL + BASE.format(port=os.ttyname(theirs)))
     found = CliRunner().invoke(app, ["safe", str(config)])
-    assert (found.exit_code, found.output) == (
-        0,
-        f"safe: serial {os.ttyname(theirs)} 57600 0d6d203020300d\n",
-    )
+    assert (found.exit_code, found.output) == (0, f"safe: serial {os.ttyname(theirs)} 57600 0d6d203020300d\n")
     assert select.select([ours], [], [], 60)[0]
     assert os.read(ours, 100) == b"\rm 0 0\r"
     os.close(ours)

@@ -60,10 +60,7 @@ def test_a_limit_is_a_dotted_line_on_the_scale() -> None:
 
 
 @given(
-    st.lists(st.none() | st.floats(), max_size=30),
-    st.floats(allow_nan=True),
-    st.integers(0, 90),
-    st.integers(0, 30),
+    st.lists(st.none() | st.floats(), max_size=30), st.floats(allow_nan=True), st.integers(0, 90), st.integers(0, 30)
 )
 def test_whatever_the_figures_the_chart_fits(
     distances_m: list[float | None], sigma_m: float, width: int, height: int

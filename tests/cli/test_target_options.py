@@ -134,3 +134,8 @@ def test_what_is_wrong_with_a_target_is_said_with_its_option() -> None:
         with pytest.raises(ConfigError, match=re.escape(said)) as caught:
             _wanted(target=target)
         assert str(caught.value).startswith("--target: ")
+
+
+def test_with_a_configuration_the_tolerance_stands_in_the_table(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="--tolerance"):
+        _wanted(tolerance="1 mm", config=tmp_path / "any.toml")

@@ -50,10 +50,7 @@ def tested(tmp_path: Path) -> Tested:
 def test_what_passes_is_one_line_each(tested: Tested) -> None:
     result = tested(PASSING)
     assert result.exit_code == 0
-    assert result.stdout.splitlines() == [
-        "passed  hover does not chatter  10.0 s, 301 cycles",
-        "1 test: 1 passed",
-    ]
+    assert result.stdout.splitlines() == ["passed  hover does not chatter  10.0 s, 301 cycles", "1 test: 1 passed"]
 
 
 def test_what_fails_says_what_was_expected_what_came_and_why(tested: Tested, tmp_path: Path) -> None:

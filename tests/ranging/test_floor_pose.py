@@ -6,10 +6,11 @@ import math
 
 import pytest
 
-from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.detection import Detection
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.flat import SheetShape, TagShape
 from stadimeter.ranging.floor_pose import camera_above, mean_of
+from support.corners import detection_of_corners
 from support.scenes.draw import CAMERA, TAG_M
 from support.scenes.on_floor import OnFloorScene, tag_lying
 
@@ -19,14 +20,7 @@ SIGMA_PX = 0.05
 
 def corners_of(drawn: OnFloorScene) -> Detection:
     points = drawn.scene.target.outline_m()
-    return Detection(
-        target="tag",
-        status=DetectionStatus.FOUND,
-        outline_px=CAMERA.project(points[:, :2] / points[:, 2:]),
-        width_px=90.0,
-        height_px=40.0,
-        size_sigma_px=SIGMA_PX,
-    )
+    return detection_of_corners(CAMERA.project(points[:, :2] / points[:, 2:]), SIGMA_PX)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus
-from stadimeter.detectors.sides import width_and_height
+from stadimeter.core.detection import Detection
 from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.plane_pose import rectangle
+from support.corners import detection_of_corners
 
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
 CARD = SheetShape(width_m=0.1, height_m=0.075)
@@ -25,18 +25,7 @@ def seen_roughly(
     turn = cv2.Rodrigues(np.array((math.cos(towards), math.sin(towards), 0.0)) * tilt_rad)[0] @ np.diag((1, -1, -1))
     placed = rectangle(CARD.width_m, CARD.height_m) @ turn.T + (0.1, 0.05, depth_m)
     corners = CAMERA.project(placed[:, :2] / placed[:, 2:]) + rng.normal(0, corner_sigma_px, (4, 2))
-    width_px, height_px = width_and_height(corners)
-    found = Detection(
-        target="card",
-        status=DetectionStatus.FOUND,
-        outline_px=corners,
-        centre_px=tuple(corners.mean(axis=0).tolist()),
-        width_px=width_px,
-        height_px=height_px,
-        size_sigma_px=math.sqrt(2) * corner_sigma_px,
-        quality=1.0,
-    )
-    return found, math.hypot(0.1, 0.05, depth_m)
+    return detection_of_corners(corners, math.sqrt(2) * corner_sigma_px), math.hypot(0.1, 0.05, depth_m)
 
 
 def test_a_small_card_is_not_taken_to_hang_the_other_way_and_to_be_turned_far_away() -> None:

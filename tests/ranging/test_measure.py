@@ -37,14 +37,6 @@ def test_a_ball_is_measured_exactly_anywhere_in_the_picture(
     assert (measured.target, measured.captured_at_s, measured.reason) == ("ball", 1.5, "")
 
 
-def test_a_large_ball_close_by_would_be_off_by_six_per_cent_with_plain_similar_triangles(
-    camera: CameraModel, seen_ball: Seen
-) -> None:
-    seen = seen_ball((0.0, 0.0, 0.3), 0.1)
-    assert 0.2 * camera.fx_px / seen.width_px == pytest.approx(0.3 * (1 - 0.0572), rel=1e-3)
-    assert measure(seen, BallShape(diameter_m=0.2), camera, 0.0).depth_m == pytest.approx(0.3, rel=1e-4)
-
-
 @given(x=st.floats(-200, 840), y=st.floats(-100, 580), width_px=st.floats(20, 400))
 def test_a_sheet_facing_the_camera_is_where_it_appears(
     camera: CameraModel, seen_sheet: Seen, x: float, y: float, width_px: float

@@ -5,47 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import cv2
-import numpy as np
 import pytest
 
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.ranging.calibration import KnownDistance, calibrate
-from stadimeter.ranging.similar_triangles import distance_m
 from support.through_lens import ThroughLens
 
 pytestmark = pytest.mark.vision
 
 INCH_M = 0.0254
-FOOT_M = 0.3048
 NAMES = ("2ft", "3ft", "4ft")
-
-
-def _tutorial_sides_px(image: np.ndarray) -> tuple[float, float]:
-    """Measure as the tutorial does: the sides of the smallest box around the largest contour, the shorter one first."""
-    grey = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (5, 5), 0)
-    contours, _ = cv2.findContours(cv2.Canny(grey, 35, 125), cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
-    sides = cv2.minAreaRect(max(contours, key=cv2.contourArea))[1]
-    return min(sides), max(sides)
-
-
-@pytest.mark.parametrize(
-    ("side", "focal_px", "feet"),
-    [("short", 543.46, (2.000, 2.917, 3.911)), ("long", 628.43, (2.000, 2.818, 3.680))],
-)
-def test_the_tutorials_figures_come_from_taking_the_short_side_for_eleven_inches(
-    real_pictures: Path, side: str, focal_px: float, feet: tuple[float, ...]
-) -> None:
-    """The published 2.000, 2.917 and 3.911 ft pair 11 in, the sheet's width, with the short, vertical side.
-
-    Which side `minAreaRect` gives first depends on OpenCV's version, so the same code gives the other row elsewhere.
-    """
-    images = [cv2.imread(str(real_pictures / "seed_sheet" / f"{name}.png")) for name in NAMES]
-    widths = [_tutorial_sides_px(image)[0 if side == "short" else 1] for image in images]
-    focal = widths[0] * 24 / 11
-    assert focal == pytest.approx(focal_px, abs=0.01)
-    measured = [distance_m(focal, 11 * INCH_M, width) / FOOT_M for width in widths]
-    assert measured == pytest.approx(feet, abs=0.0005)
 
 
 def _frame(path: Path) -> Frame:

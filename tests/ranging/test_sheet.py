@@ -6,16 +6,16 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.detection import Detection
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
-from stadimeter.detectors.sides import diagonals_meet, width_and_height
 from stadimeter.ranging.calibration import KnownDistance, calibrate
 from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.measure import measure
+from support.corners import detection_of_corners
 from support.scenes.draw import CAMERA, sheet_scene
 from support.scenes.plane import Pose
 from support.scenes.render import render
@@ -30,16 +30,7 @@ CORNERS_M = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (SIZE.width_m / 2, 
 def seen_from(pose: Pose, sigma_px: float = 0.05, first: int = 0) -> Detection:
     placed = pose.placed(CORNERS_M)
     corners = np.roll(CAMERA.project(placed[:, :2] / placed[:, 2:]), first, axis=0)
-    width_px, height_px = width_and_height(corners)
-    return Detection(
-        target="paper",
-        status=DetectionStatus.FOUND,
-        outline_px=corners,
-        centre_px=diagonals_meet(corners),
-        width_px=width_px,
-        height_px=height_px,
-        size_sigma_px=sigma_px,
-    )
+    return detection_of_corners(corners, sigma_px, "paper")
 
 
 @given(
@@ -91,6 +82,7 @@ def test_a_sheet_that_is_farther_or_less_sharp_is_less_sure() -> None:
     assert shares[0] < shares[1] < shares[2]
 
 
+@settings(max_examples=20)
 @given(depth_m=st.floats(0.5, 3.0), tilt=st.floats(0, 0.6), towards=st.floats(0, 2 * math.pi))
 def test_the_focal_length_of_a_tilted_sheet_at_a_known_depth_is_right(depth_m, tilt, towards) -> None:
     seen = seen_from(Pose(position_m=(0, 0, depth_m), tilt_rad=tilt, tilt_towards_rad=towards))

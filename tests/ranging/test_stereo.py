@@ -160,7 +160,7 @@ def test_noise_of_the_detections_is_carried_through(rig: StereoRig) -> None:
     scenes = pair_of(Scene(camera=rig.left, target=target, seed=1), rig)
     rng = np.random.default_rng(2)
     missed = []
-    for _ in range(200):
+    for _ in range(100):
         pair = []
         for scene, lens in ((scenes.left, rig.left), (scenes.right, rig.right)):
             one = seen(scene.target, shape, lens, sigma_px=0.2 * math.sqrt(2))
@@ -168,7 +168,7 @@ def test_noise_of_the_detections_is_carried_through(rig: StereoRig) -> None:
             pair.append(SeenTarget(detection=off, measurement=measure(off, shape, lens, 0.0), shape=shape))
         figures = measure_pair(pair[0], pair[1], rig)[1]
         missed.append((figures.distance_m - DISTANCE_M) / figures.sigma_m)
-    assert np.sqrt(np.mean(np.square(missed))) == pytest.approx(1.0, abs=0.12)
+    assert np.sqrt(np.mean(np.square(missed))) == pytest.approx(1.0, abs=0.15)
 
 
 @pytest.mark.long

@@ -20,7 +20,6 @@ from stadimeter.testing.messaging_contract import MessengerContract, NotifierCon
 
 context = test_bases.context  # the fixture that the rig of the base asks for
 
-OPENED_TWICE = "test_opening_it_twice_takes_the_device_once"
 CANNOT_OPEN = "test_a_device_that_cannot_be_opened_raises_and_is_not_held"
 FAILS = "test_a_device_that_fails_raises_one_of_our_errors"
 RELEASED = "test_a_device_that_fails_is_released_all_the_same"

@@ -50,26 +50,6 @@ def test_an_alarm_that_stands_for_more_than_a_day_is_stale_until_it_clears() -> 
     assert figures.figures(2 * STALE_ALARM_S)["stale"] == []
 
 
-def test_ten_alarms_in_ten_minutes_are_no_flood_and_eleven_are() -> None:
-    ten = [(number * 10.0, f"a/{number}", "raised") for number in range(10)]
-    assert figures_after(*ten, now_s=HOUR_S)["floods"] == 0
-    found = figures_after(*ten, (100.0, "a/10", "raised"), now_s=HOUR_S)
-    assert (found["floods"], found["most_in_10_min"]) == (1, 11)
-    # From the eleventh, at 100 s, until the seventh leaves the window and four are left.
-    assert found["flood_seconds"] == 60.0 + WINDOW_S - 100.0
-
-
-def test_the_time_to_acknowledge_runs_from_the_first_raise_that_no_one_acknowledged() -> None:
-    events: list[tuple[float, str, str]] = []
-    for number in range(20):
-        events += [(number * 100.0, "a/x", "raised"), (number * 100.0 + 50, "a/x", "raised")]
-        events.append((number * 100.0 + 60 + number, "a/x", "acknowledged"))
-    events.append((5000.0, "a/x", "acknowledged"))  # of nothing
-    found = figures_after(*events, now_s=5000.0)
-    assert found["acknowledged"] == 20
-    assert (found["acknowledge_median_s"], found["acknowledge_p95_s"]) == (70.0, 79.0)
-
-
 kinds = st.sampled_from(["raised", "realarmed", "cleared", "acknowledged", "reset", "shelved", "nonsense"])
 steps = st.lists(st.tuples(st.floats(0, 2000), st.sampled_from("abc"), kinds, st.booleans()), max_size=80)
 

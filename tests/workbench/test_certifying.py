@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import pytest
-from msgspec.structs import replace
 
 from stadimeter.app.certificate import Site, load_certificate
 from stadimeter.app.certificate_stamp import PLACEMENTS
@@ -82,15 +81,6 @@ def too_long(path: Path, times: float) -> None:
     file.write_text(json.dumps(kept))
 
 
-def edges_known(path: Path, times: float) -> None:
-    """Let the edge bias of what was measured be known to so many times its standard deviation."""
-    file = path.with_suffix(PLACEMENTS)
-    kept = json.loads(file.read_text())
-    for each in kept["placements"]:
-        each["edge_m"] *= times
-    file.write_text(json.dumps(kept))
-
-
 def session_of(path: Path, **how: bool) -> SiteSession:
     return SiteSession(load_configuration(path), **how)
 
@@ -100,20 +90,6 @@ def test_distances_are_proposed_from_near_to_the_farthest_that_a_rule_uses(path:
     assert len(proposed_m) == 5
     assert proposed_m == sorted(proposed_m)
     assert (proposed_m[0], proposed_m[-1]) == (0.5, 4.0)
-
-
-@pytest.mark.long
-def test_a_further_distance_is_proposed_only_while_an_error_of_the_scale_might_go_unnoticed(measured: Path) -> None:
-    edges_known(measured, 0.1)
-    assert session_of(measured).propose_further_m() == [], "a ball of 20 cm to 4 m says enough"
-    edges_known(measured, 100)
-    session = session_of(measured)
-    (further_m,) = session.propose_further_m()
-    assert 0.3 <= further_m <= 4.0
-    assert further_m not in PLACES_M
-    session.certificate = replace(session.certificate, placements=session.certificate.placements * 3)
-    assert len(session.certificate.placements) > 10
-    assert session.propose_further_m() == [], "ten are enough"
 
 
 @pytest.mark.long

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.detection import Detection, DetectionStatus
-from stadimeter.detectors.protocol import ColourView
 from stadimeter.errors import ChangedMeanwhileError, ConfigError
-from stadimeter.workbench.colour_aids import range_figures, with_range
+from stadimeter.workbench.colour_aids import with_range
 from stadimeter.workbench.saving import versions
 from stadimeter.workbench.server.editing import saved_text, version_of
 from stadimeter.workbench.server.operations import Desk, DeskReply, find_operation
@@ -97,30 +94,3 @@ def test_only_the_range_changes_however_it_is_written(tmp_path: Path, table: str
     assert changed.replace(RED, GREEN).replace('"', "'") == text.replace('"', "'")
     path.write_text(changed)
     assert str(load_configuration(path).targets[0].options.hsv) == RED  # type: ignore[attr-defined]
-
-
-def view(mask: Any, *, outline: Any = ()) -> ColourView:
-    status = DetectionStatus.FOUND if len(outline) else DetectionStatus.NOT_FOUND
-    found = Detection(
-        target="ball",
-        status=status,
-        outline_px=np.array(outline, float).reshape(-1, 2),
-        width_px=40.0,
-        size_sigma_px=0.2,
-    )
-    return ColourView(detection=found, mask=mask, others=())
-
-
-def test_pixels_are_counted_on_the_ball_and_beside_it() -> None:
-    mask = np.zeros((100, 100), np.uint8)
-    mask[20:40, 20:41] = 255  # half of the ball
-    mask[90:, :5] = 255  # 50 pixels elsewhere
-    square = [[20, 20], [60, 20], [60, 60], [20, 60]]
-    given = range_figures(view(mask, outline=square), view(mask, outline=square).detection)
-    assert given["ball_share"] == pytest.approx(20 * 21 / 41**2)
-    assert given["elsewhere_px"] == 50
-    assert given["sigma_share"] == pytest.approx(0.2 / 40)
-    unknown = range_figures(view(mask), view(mask).detection)
-    assert unknown["ball_share"] is None
-    assert not unknown["is_found"]
-    assert unknown["elsewhere_px"] == np.count_nonzero(mask)

@@ -16,7 +16,6 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ChangedMeanwhileError, ConfigError, NotThereError, StadimeterError
 from stadimeter.web.routes import PAGE_OPERATIONS
 from stadimeter.workbench import saving
-from stadimeter.workbench.saving import save_files
 from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.operations import Desk, find_operation
 from support.saves import CONFIGURATION
@@ -100,15 +99,6 @@ def test_a_save_keeps_what_was_there_and_brings_it_back(desk: Desk) -> None:
     assert desk.configuration.read_text() == HERE
     assert (desk.configuration.parent / "camera.toml").read_text() == LENS
     assert len(ask(desk, "configuration")["versions"]) == 2, "what was restored over is kept, too"
-
-
-def test_a_version_that_is_no_text_hides_neither_the_others_nor_the_configuration(desk: Desk) -> None:
-    desk.configuration.write_bytes(b"# f\xfcr den Ball\n")
-    save_files(desk.configuration.parent, {desk.configuration.name: HERE})
-    ask(desk, "save", text=THERE, base_version=version(desk))
-    found = ask(desk, "configuration")
-    assert found["text"] == THERE
-    assert [each["words"].partition(":")[0] for each in found["versions"]][1] == "it cannot be read"
 
 
 def test_the_second_of_two_savers_is_told_what_the_first_one_changed(desk: Desk) -> None:

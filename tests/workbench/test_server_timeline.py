@@ -87,14 +87,6 @@ def test_a_stretch_is_answered_in_steps_with_extremes_gaps_and_lanes(desk: Desk,
     assert found["is_kept"]
 
 
-def test_runs_with_other_rules_are_joined_and_two_in_one_step_keep_both_extremes(desk: Desk, folder: Path) -> None:
-    keep(folder, [2.0] * 5 + [0.4])
-    keep(folder, [3.0] * 6, BEGAN_S + 10, rule="other")
-    found = ask(desk, "timeline.timeline", from_=BEGAN_S, to=BEGAN_S + 20, points=1)
-    assert (found["targets"]["ball"]["low_m"], found["targets"]["ball"]["high_m"]) == ([0.4], [3.0])
-    assert [lane["rule"] for lane in found["lanes"]] == ["near", "other"]
-
-
 @pytest.mark.parametrize("stretch", [(5, 5), (9, 5), (-1, 5), (0, 1e9)])
 def test_a_stretch_that_is_none_is_refused(desk: Desk, stretch: tuple[float, float]) -> None:
     with pytest.raises(ConfigError, match="at most 366 days"):

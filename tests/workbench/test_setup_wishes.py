@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from stadimeter.app.feasibility import feasibility_warnings
+from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
@@ -85,15 +86,6 @@ def test_a_wish_for_several_counts_them_and_its_tests_pass(tmp_path: Path) -> No
         WishStep().accept(known_of(TARGETS["ball"]), "crowd")
 
 
-def test_what_is_known_of_floor_water_and_places_stands_where_it_belongs(tmp_path: Path) -> None:
-    wishes = [wish for wish in WISHES if wish.key in {"near", "floor", "water", "places"}]
-    configuration = loaded(tmp_path, answers("ball", *wishes))
-    assert [*configuration.warnings, *feasibility_warnings(configuration)] == []
-    assert configuration.footings["ball"].height_m == 1.0
-    assert [tag.number for tag in configuration.landmarks.tags] == [3, 5]
-    assert configuration.camera_model.fx_px == pytest.approx(1.334 * LENS.fx_px)
-
-
 @each_case(
     "key, blank, wrong, words",
     [
@@ -149,3 +141,6 @@ def test_all_wishes_but_those_for_further_robots_go_into_one_configuration(tmp_p
     configuration = loaded(tmp_path, answers("balls", *wishes))
     assert len(configuration.tests) == 2 * len(wishes)
     assert {wish.group for wish in wishes} == {wish.group for wish in HAPPENS}
+    words = describe(configuration)
+    for clause in (" are raised within ", "sunset"):
+        assert any(clause in sentence for sentence in words), clause

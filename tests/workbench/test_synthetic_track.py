@@ -15,12 +15,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.similar_triangles import expect
-from stadimeter.workbench.rule_tests.inputs import (
-    OUTLIER_FACTOR,
-    SensorModel,
-    SyntheticTrack,
-    position_at,
-)
+from stadimeter.workbench.rule_tests.inputs import OUTLIER_FACTOR, SensorModel, SyntheticTrack, position_at
 
 CAMERA = CameraModel(
     width_px=640, height_px=480, fx_px=600.0, fy_px=600.0, cx_px=319.5, cy_px=239.5, focal_relative_sigma=0.02
@@ -63,17 +58,6 @@ def test_a_target_that_approaches_waits_then_goes_evenly_then_stays() -> None:
     path = path_of(approach={"from": "4 m", "to": "1 m", "speed": "2 m/s", "stay": "2 s"})
     assert [position_at(path, at_s).distance_m for at_s in (0, 1, 1.5, 2.5, 3, 9)] == [4, 4, 3, 1, 1, 1]
     assert path[-1].at_s == 4.5
-
-
-def test_points_have_directions_and_those_of_the_motion_where_they_have_none() -> None:
-    points = [
-        {"at": "0 s", "distance": "3 m"},
-        {"at": "2 s", "distance": "1 m", "bearing": "-10 deg"},
-    ]
-    middle = position_at(path_of(points=points, bearing="20 deg", elevation="5 deg"), 1.0)
-    assert middle.distance_m == 2
-    assert math.degrees(middle.bearing_rad) == pytest.approx(5)
-    assert math.degrees(middle.elevation_rad) == pytest.approx(5)
 
 
 def test_the_noise_is_what_camera_and_target_are_expected_to_have() -> None:

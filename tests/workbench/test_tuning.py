@@ -9,9 +9,9 @@ from stadimeter.core.rule import OnDelay
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.tuning import candidates as tuning_candidates
 from stadimeter.workbench.tuning import proposing as tuning
-from stadimeter.workbench.tuning.candidates import Rate, Settings, candidate_beginnings, rule_to_tune
+from stadimeter.workbench.tuning.candidates import candidate_beginnings, rule_to_tune
 from stadimeter.workbench.tuning.noise import noise_of, series_of
-from stadimeter.workbench.tuning.proposing import Beginning, choose_beginning, tune
+from stadimeter.workbench.tuning.proposing import tune
 from support.noisy_journal import KnownNoise, write_noisy_journal
 
 CONFIGURATION = """
@@ -104,18 +104,3 @@ def test_a_target_that_stands_close_gets_stricter_settings_than_one_far_away(tmp
 def test_a_safety_alarm_is_never_told_to_wait(configuration):
     tried = candidate_beginnings(rule_to_tune(configuration, "danger"))
     assert {settings.on_delay for settings in tried} == {OnDelay()}
-
-
-SETTINGS = Settings(probability=0.8, on_delay=OnDelay(), deadband_sigmas=3.0, off_delay_s=1.0)
-
-
-def beginning(a_day, late, recorded=0):
-    rate = Rate(a_day=a_day, at_most_a_day=2 * a_day)
-    return Beginning(settings=SETTINGS, rate=rate, recorded_raises=recorded, late_s=late, late_p95_s=late)
-
-
-def test_the_earliest_that_is_seldom_enough_raised_is_chosen():
-    tried = [beginning(50, 0.03), beginning(0.9, 0.05), beginning(0.01, 0.2)]
-    assert choose_beginning(tried, 1.0, 600) is tried[1]
-    assert choose_beginning(tried, 100, 600) is tried[0]
-    assert choose_beginning(tried, 0.001, 600) is tried[2]

@@ -21,7 +21,7 @@ from support.scenes.cut_sheet import Curl, CutSheetTarget, GroupTarget, HandCut
 from support.scenes.floor import FloorBackdrop, Ground
 from support.scenes.hard_balls import GROUNDS, hard_sensor, picked_range
 from support.scenes.lens import Lens
-from support.scenes.plane import PAPER_BGR, DiscTarget, Pose, TagTarget
+from support.scenes.plane import PAPER_BGR, DiscTarget, Pose
 from support.scenes.room import RoomBackdrop
 from support.scenes.scene import Scene
 from support.scenes.shadow import ShadedBackdrop, Shadow
@@ -203,24 +203,11 @@ def hard_disc(seed: int, tilts_deg: tuple[float, float] = (0.0, 60.0), *, backdr
     return HardFlat(scene=scene, backdrop=kind, width_m=draw.DISC_M, height_m=draw.DISC_M, bgr=bgr)
 
 
-def hard_tag(seed: int, tilts_deg: tuple[float, float] = (0.0, 60.0), *, backdrop: str | None = None) -> HardFlat:
-    """Draw a tag of 10 cm, 24 to 160 px large."""
-    rng = np.random.default_rng((seed, 86))
-    kind = backdrop or str(rng.choice(BACKDROPS))
-
-    def made(pose: Pose) -> Target:
-        return TagTarget(pose=pose, side_m=draw.TAG_M, family=draw.TAG_FAMILY, number=seed % draw.TAGS)
-
-    tag = placed_whole(rng, made, draw.TAG_M, (24.0, 160.0), tilts_deg)
-    scene = _taken(rng, seed, tag, backdrop_of(rng, kind, PAPER_BGR))
-    return HardFlat(scene=scene, backdrop=kind, width_m=draw.TAG_M, height_m=draw.TAG_M)
-
-
-def hard_empty(seed: int, *, round_things: int = 0, like_target: float = 0.05) -> Scene:
+def hard_empty(seed: int) -> Scene:
     """Draw a room or, one in five, a floor, without any target."""
     rng = np.random.default_rng((seed, 87))
-    behind: Backdrop = RoomBackdrop(things=int(rng.integers(4, 18)), round_things=round_things, like_target=like_target)
-    if round_things == 0 and rng.random() < 0.2:
+    behind: Backdrop = RoomBackdrop(things=int(rng.integers(4, 18)))
+    if rng.random() < 0.2:
         behind = backdrop_of(rng, TEXTURE, PAPER_BGR)
     return _taken(rng, seed, None, behind)
 

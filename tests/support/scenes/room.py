@@ -1,7 +1,7 @@
-"""Rooms without a target: furniture, shelves, tiles, windows, cloth, cubes and, where asked for, round things.
+"""Rooms without a target: furniture, shelves, tiles, windows, cloth and cubes.
 
-Things are real rectangles, boxes and discs in space, seen through a pinhole. None of the rectangles has an aspect near
-that of a sheet of paper, and no disc is there unless it is asked for.
+Things are real rectangles and boxes in space, seen through a pinhole. None of the rectangles has an aspect near that of
+a sheet of paper, and no disc is there.
 """
 
 from __future__ import annotations
@@ -39,12 +39,10 @@ class RoomBackdrop(Struct, frozen=True, kw_only=True):
 
     Attributes:
         things: How many pieces of furniture and the like are in it.
-        round_things: How many plates, clocks and lids.
         like_target: The share of the things of a tennis ball's colour that keep it.
     """
 
     things: int = 9
-    round_things: int = 0
     like_target: float = 0.05
 
     @property
@@ -59,8 +57,6 @@ class RoomBackdrop(Struct, frozen=True, kw_only=True):
         kinds = (_cupboard, _shelf, _tiles, _window, _poster, _chair, _cube, _cube, _keyboard, _cloth, _cushion)
         for kind in view.rng.integers(0, len(kinds), self.things):
             kinds[kind](view)
-        for _ in range(self.round_things):
-            _round_thing(view)
         return _finished(view)
 
 
@@ -319,16 +315,6 @@ def _cushion(view: _View) -> None:
         x, y = np.maximum(cosine, -rng.uniform(0.0, 0.6)), sine
     outline = np.column_stack((x, y * rng.uniform(0.6, 1.0), 0 * x)) * radius
     view.draw(at.seen(outline), view.colour(), int(rng.choice([SMOOTH, CLOTH])))
-
-
-def _round_thing(view: _View) -> None:
-    """Draw a plate, a clock or a lid: a disc, perhaps with a rim."""
-    at, radius = view.frame(0.5), float(view.rng.uniform(0.03, 0.2))
-    angles = np.linspace(0, 2 * math.pi, 96, endpoint=False)
-    rim = np.column_stack((np.cos(angles), np.sin(angles), 0 * angles)) * radius
-    view.draw(at.seen(rim), view.colour())
-    if view.rng.random() < 0.5:
-        view.draw(at.seen(rim * view.rng.uniform(0.6, 0.92)), view.colour())
 
 
 def _finished(view: _View) -> Plane:
