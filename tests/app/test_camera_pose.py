@@ -97,16 +97,6 @@ def test_a_pose_that_goes_on_moving_is_told_five_times_a_second_at_most():
     assert [at_s for at_s, _ in told(moving, 1 / 16)] == [0.0, 0.25, 0.5, 0.75, 1.0]
 
 
-def test_a_message_has_the_pose_as_ros_has_it_and_in_angles():
-    ((_, payload),) = told([POSE])
-    assert {name: payload[name] for name in ("x_m", "y_m", "z_m", "yaw_rad", "tilt_rad", "roll_rad")} == {
-        "x_m": 1.0, "y_m": -2.0, "z_m": 0.5, "yaw_rad": 0.8, "tilt_rad": 0.0, "roll_rad": 0.0,
-    }  # fmt: skip
-    assert payload["orientation"] == pytest.approx(POSE.orientation, abs=1e-6)
-    assert payload["covariance"] == list(POSE.covariance)
-    assert (payload["tags"], payload["moved"], payload["reason"]) == ([3, 5], [], "")
-
-
 def test_the_documentation_shows_the_real_form():
     page = (Path(__file__).parents[2] / "docs" / "mqtt.md").read_text(encoding="utf-8")
     (shown,) = (

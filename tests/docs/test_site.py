@@ -70,17 +70,6 @@ def test_a_word_that_readers_search_for_leads_to_its_page(search, word, page):
     assert first.partition("#")[0] == page
 
 
-def test_a_word_that_is_nowhere_is_not_found(search):
-    assert search("xylophone") == []
-
-
-def test_links_to_files_beside_the_documentation_lead_to_the_repository(site):
-    assert (
-        "https://github.com/stadimeter/stadimeter/blob/main/config/demo.toml"
-        in (site / "configuration.html").read_text()
-    )
-
-
 def test_a_page_from_elsewhere_is_a_page_of_the_site_and_so_are_links_to_it(site):
     assert 'href="deploy.html"' in (site / "operating.html").read_text()
     assert 'href="operating.html#as-a-service' in (site / "deploy.html").read_text()

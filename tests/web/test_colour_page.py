@@ -64,25 +64,6 @@ def test_sliders_show_the_mask_of_the_live_picture_and_what_the_ball_and_the_res
         assert still.configuration.read_text() == STILL
 
 
-def test_the_keyboard_moves_and_undoes_and_quick_presses_are_one_step(browser, still):
-    with tab(browser) as page:
-        opened(page, still)
-        page.get_by_label("Value from", exact=True).focus()
-        for _ in range(3):
-            page.keyboard.press("ArrowRight")
-        assert values(page)[4] == 9
-        page.keyboard.press("Control+z")
-        assert values(page)[4] == 6
-        page.keyboard.press("Control+Shift+z")
-        assert values(page)[4] == 9
-        page.keyboard.press("Control+z")
-        page.keyboard.press("Control+y")
-        assert values(page)[4] == 9
-        page.keyboard.press("Escape")
-        page.get_by_role("dialog").wait_for(state="detached")
-        assert page.evaluate("document.activeElement.textContent") == "Colour …"
-
-
 def test_a_range_is_saved_with_a_version_and_the_run_takes_it(browser, tmp_path):
     with served(tmp_path, STILL) as here, tab(browser) as page:
         dialog = opened(page, here)

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 
 from stadimeter.web.passwords import PasswordFile
-from support.broker import MosquittoBroker
 from support.browser import PHONE, ROOM, SILENT_AFTER_ONE, STILL, Served, served, tab, until
 
 
@@ -96,26 +95,6 @@ def test_an_alarm_is_acknowledged_and_reset_with_a_name_and_a_reason(browser, mo
         page.get_by_role("button", name="Reset: near").press("Enter")
         page.get_by_role("dialog").get_by_role("button", name="Reset").click()
         page.get_by_text("near reset by zoe").wait_for()
-
-
-def test_a_threshold_is_set_and_withdrawn_and_a_rule_is_observed_only(browser, still):
-    with tab(browser) as page:
-        opened(page, still)
-        page.locator(".rule", has_text="buzzer").locator("summary").click()
-        page.get_by_role("button", name="Set threshold: near").click()
-        page.get_by_label("Value, with its unit").fill("40 cm")
-        page.get_by_label("Your name").fill("zoe")
-        page.get_by_role("dialog").get_by_role("button", name="Set threshold").click()
-        page.get_by_text("is 0.40 m (1.3 ft), set by zoe").wait_for()
-        page.get_by_role("button", name="Withdraw threshold: near").click()
-        page.get_by_role("dialog").get_by_role("button", name="Withdraw threshold").click()
-        page.get_by_role("button", name="Withdraw threshold: near").wait_for(state="hidden")
-        page.get_by_role("button", name="Observe: near").click()
-        page.get_by_role("dialog").get_by_role("button", name="Observe").click()
-        page.get_by_text("idle, observed").wait_for()
-        page.get_by_role("button", name="Act: near", exact=True).click()
-        page.get_by_role("dialog").get_by_role("button", name="Act").click()
-        page.get_by_text("idle", exact=True).wait_for()
 
 
 def test_an_output_is_on_only_while_the_button_is_held(browser, still):
@@ -206,29 +185,6 @@ def test_a_run_that_must_be_armed_acts_once_a_person_arms_it(browser, tmp_path):
         page.get_by_role("dialog").get_by_role("button", name="Arm").click()
         page.locator(".banner").wait_for(state="detached")
         until(page, "document.querySelector('.output output').textContent !== '0 %'")
-
-
-def test_where_messages_go_and_what_is_published_is_shown(browser, tmp_path):
-    broker = MosquittoBroker(tmp_path)
-    broker.start()
-    messenger = f'[messenger]\ndriver = "mqtt"\nport = {broker.port}\nnode = "garage"\n'
-    try:
-        with served(tmp_path, STILL + messenger) as here, tab(browser) as page:
-            opened(page, here)
-            panel = page.locator(".panel", has_text="Messages to other programs")
-            panel.get_by_text(f"127.0.0.1:{broker.port} connected").wait_for()
-            panel.get_by_text("alarms: alarms, and stopping outputs").wait_for()
-            panel.get_by_text("discovers it by homeassistant/device/stadimeter_garage/config").wait_for()
-            panel.get_by_text("stadimeter/garage", exact=True).wait_for()
-            panel.get_by_text("0 waiting, 0 given up, 0 dropped").wait_for()
-            panel.get_by_text("Topics, each with its newest message").click()
-            topic = panel.locator("li", has_text="target/ball/state").first
-            topic.get_by_text('"status":"tracking"').wait_for()
-            assert topic.inner_text().split()[1:3] == ["s", "ago"]
-            broker.stop()
-            panel.get_by_text(f"127.0.0.1:{broker.port} refused the connection").wait_for()
-    finally:
-        broker.stop()
 
 
 def test_who_may_only_read_sees_everything_and_operates_nothing(browser, tmp_path):

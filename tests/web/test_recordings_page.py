@@ -54,15 +54,6 @@ def test_it_is_replayed_by_the_keyboard_alone(browser, room, recording):
         assert "ball" in values.get_by_role("list").first.inner_text()
 
 
-def test_what_is_downloaded_is_the_file(browser, room, recording):
-    with tab(browser) as page:
-        page.goto(f"{room.url}/#recordings")
-        with page.expect_download() as download:
-            page.get_by_role("link", name=f"Download {recording.name}").click()
-        assert download.value.suggested_filename == recording.name
-        assert Path(download.value.path()).read_bytes() == recording.read_bytes()
-
-
 def test_one_that_is_damaged_says_what_is_wrong_and_can_be_replayed_as_far_as_it_goes(browser, room, recording):
     whole = recording.read_bytes()
     cut, ruined = recording.with_name("cut.mcap"), recording.with_name("ruined.mcap")
