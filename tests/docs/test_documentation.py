@@ -1,8 +1,10 @@
 """What the documentation shows, works: every configuration loads, every command exists, every link leads somewhere."""
 
 import ast
+import importlib
 import itertools
 import os
+import pkgutil
 import re
 import shlex
 import subprocess
@@ -13,25 +15,12 @@ from pathlib import Path
 import cv2
 import pytest
 import typer
+from pydantic import BaseModel
 
 from stadimeter.cli.main import app
+from stadimeter.config import models as config_models
+from stadimeter.config import rule_test_tables, rules
 from stadimeter.config.loader import load_configuration
-from stadimeter.config.models import ActuatorTable, BaseTable
-from stadimeter.config.rule_test_tables import ExpectTable, InputTable
-from stadimeter.config.rules.action_tables import FollowTable, PatternTable, StepTable
-from stadimeter.config.rules.condition_tables import TimeTable, WhenTable
-from stadimeter.config.rules.figure_tables import (
-    ComparisonTable,
-    CoordinateTable,
-    DirectionTable,
-    SeparationTable,
-    SizeTable,
-    SpeedTable,
-)
-from stadimeter.config.rules.limit_tables import ContactTable
-from stadimeter.config.rules.memory_tables import ActiveForTable, CountTable, FigureLimitsTable, FigureTable
-from stadimeter.config.rules.ramp_tables import RampTable
-from stadimeter.config.rules.tables import LostTable, RuleTable
 from stadimeter.config.stereo_file import stereo_file_text
 from stadimeter.core import templates
 from stadimeter.errors import ConfigError
@@ -70,19 +59,15 @@ AROUND = {
 """What a fragment of a configuration is put into."""
 
 
-def keys_of(table):
-    return [info.alias or name for name, info in table.model_fields.items()]
-
-
-KEYS = {
-    table.__name__: keys_of(table)
-    for table in (
-        RuleTable, WhenTable, RampTable, FollowTable, StepTable, PatternTable, LostTable, InputTable, ExpectTable,
-        SpeedTable, ContactTable, CountTable, DirectionTable, SeparationTable, TimeTable, ActuatorTable, BaseTable,
-        CoordinateTable, SizeTable, ComparisonTable, ActiveForTable, FigureLimitsTable, FigureTable,
-    )
-}  # fmt: skip
-"""The keys that people may write, by the table that they stand in."""
+def tables():
+    """Return the tables that people may write: their names, and the keys of each."""
+    modules = [config_models, rule_test_tables]
+    modules += [
+        importlib.import_module(each.name) for each in pkgutil.iter_modules(rules.__path__, f"{rules.__name__}.")
+    ]
+    found = {each for module in modules for each in vars(module).values() if isinstance(each, type)}
+    ours = (each for each in found if issubclass(each, BaseModel) and each.__module__.startswith("stadimeter.config"))
+    return {each.__name__: {field.alias or name for name, field in each.model_fields.items()} for each in ours}
 
 
 def blocks(language):
@@ -144,15 +129,16 @@ def test_every_recipe_keeps_what_its_tests_promise(recipe, tmp_path):
 
 
 def words_shown():
-    """Return every word that stands in backquotes in the reference."""
-    pages = [ROOT / "docs" / name for name in ("configuration.md", "configuration-rules.md")]
-    spans = [span for page in pages for span in re.findall(r"`([^`\n]+)`", page.read_text())]
-    return {word for span in spans for word in re.findall(r"[a-z_]+", span)}
+    """Return every word that stands in backquotes or in a configuration of the reference."""
+    pages = [(ROOT / "docs" / name).read_text() for name in ("configuration.md", "configuration-rules.md")]
+    shown = [span for page in pages for span in re.findall(r"`([^`\n]+)`", page)]
+    shown += [block for page in pages for kind, block in FENCE.findall(page) if kind == "toml"]
+    return set(re.findall(r"[a-z_]+", " ".join(shown)))
 
 
-def test_the_reference_names_every_key_of_a_rule():
+def test_the_reference_names_every_key_of_a_table():
     shown = words_shown()
-    missing = {table: set(keys) - shown for table, keys in KEYS.items()}
+    missing = {table: keys - shown for table, keys in tables().items()}
     assert {table: keys for table, keys in missing.items() if keys} == {}
 
 
