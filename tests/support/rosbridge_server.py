@@ -14,8 +14,6 @@ from typing import Any
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import Server, ServerConnection, serve
 
-CONTROLLER_STOPS_AFTER_S = 0.5
-
 
 class RosbridgeServer:
     """The bridge, and the one topic ``/cmd_vel`` of its robot.
