@@ -4,12 +4,13 @@ import pytest
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.control.messages import Reply, parse_request
-from stadimeter.app.control.reloading import Reloader
+from stadimeter.app.control.reloading import Reloader, needs_restart
 from stadimeter.app.control.requests import Control
 from stadimeter.app.control.socket_server import Asked
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.config.loader import load_configuration
 from stadimeter.testing.rig import eventually
+from support.each_case import each_case
 from support.recording_doubles import RecordingMessenger
 from support.simulated_run import SIMULATED_BALL
 
@@ -137,10 +138,16 @@ def test_a_file_that_is_gone_is_refused_and_the_running_one_stays(rig):
     assert set(rig.levels[10:]) == {1.0}
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "sections"),
+def test_what_needs_a_restart_is_named_and_nothing_is_changed(rig):
+    rig.change = lambda: rig.write(NEAR, FAR, head=SIMULATED_BALL.replace('rate = "30 Hz"', 'rate = "25 Hz"'))
+    assert rig.run().error == "nothing was changed: restart to change [camera]"
+    assert rig.events("far") == []
+    assert set(rig.levels[10:]) == {1.0}
+
+
+@each_case(
+    ("old", "new", "section"),
     [
-        ('rate = "30 Hz"', 'rate = "25 Hz"', "[camera]"),
         ("fx_px = 600.0", "fx_px = 610.0", "[camera.model]"),
         ("[targets.ball]", "[targets.cube]", "[targets]"),
         ("[actuators.motor]", '[actuators.motor]\nlease = "200 ms"', "[lease of an output]"),
@@ -148,20 +155,12 @@ def test_a_file_that_is_gone_is_refused_and_the_running_one_stays(rig):
         ("[actuators.motor]", "[actuators.motor]\nrise_per_s = 2.0", "[actuators or base]"),
         ("[targets.ball]", '[messenger]\ndriver = "simulated"\n[targets.ball]', "[messenger]"),
         ("[targets.ball]", '[base]\ndriver = "simulated"\n[targets.ball]', "[base]"),
+        ('x = "2 m"', 'x = "1 m"', "[world]"),
     ],
 )
-def test_what_needs_a_restart_is_named_and_nothing_is_changed(rig, old, new, sections):
-    rig.change = lambda: rig.write(NEAR, FAR, head=SIMULATED_BALL.replace(old, new))
-    answer = rig.run()
-    assert answer.error.startswith("nothing was changed: restart to change [")
-    assert sections in answer.error
-    assert rig.events("far") == []
-    assert set(rig.levels[10:]) == {1.0}
-
-
-def test_a_changed_world_needs_a_restart(rig):
-    rig.change = lambda: rig.write(NEAR, tail=TAIL.replace("2 m", "1 m"))
-    assert rig.run().error == "nothing was changed: restart to change [world]"
+def test_each_part_that_needs_a_restart_is_known(rig, old, new, section):
+    rig.path.write_text((SIMULATED_BALL + NEAR + TAIL).replace(old, new))
+    assert section in needs_restart(rig.loop.parts.configuration, load_configuration(rig.path))
 
 
 def test_safety_and_tracking_are_taken_over_too(rig):

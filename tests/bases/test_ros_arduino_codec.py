@@ -66,22 +66,10 @@ def test_a_number_behind_noise_is_not_trusted_because_digits_may_be_missing(
     assert codec.dropped_bytes == 1 + len(number)
 
 
-def test_a_line_that_means_nothing_is_garbage_and_the_next_is_understood(codec: RosArduinoCodec) -> None:
-    assert codec.feed(b"NOT OK\r\nOK\r\n") == [DONE]
-    assert codec.dropped_bytes == 6
-
-
 @pytest.mark.parametrize("size", [63, 64, 65, 66, 1000])
 def test_a_flood_without_an_end_is_dropped_and_counted(codec: RosArduinoCodec, size: int) -> None:
     assert codec.feed(b"x" * size + b"\r\nOK\r\n") == [DONE]
     assert codec.dropped_bytes == size
-
-
-@given(st.binary(max_size=200).filter(lambda data: b"\r" not in data and b"\n" not in data))
-def test_leading_noise_is_dropped_and_counted_and_hides_no_acknowledgement(data: bytes) -> None:
-    codec = RosArduinoCodec(1.0)
-    assert codec.feed(data + b"\x00OK\r\n") == [DONE]
-    assert codec.dropped_bytes == len(data) + 1
 
 
 def test_a_delete_character_is_noise(codec: RosArduinoCodec) -> None:

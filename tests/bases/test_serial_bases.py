@@ -218,13 +218,6 @@ def test_garbage_between_reports_does_no_harm(bench: Bench, garbage: bytes) -> N
     assert bench.speed_mps < 1e-3
 
 
-def test_silence_while_driving_is_a_lost_link_within_a_second(bench: Bench) -> None:
-    bench.drive(0.3)
-    bench.board.firmware.silent = True
-    with pytest.raises(LinkLostError, match=r"nothing for 0\.5 s"):
-        bench.drive(0.3, seconds=0.75)
-
-
 @pytest.mark.parametrize("kind", WITH_BATTERY)
 @pytest.mark.parametrize("volts", [0.0, 9.5, 36.5])
 def test_the_battery_is_reported(make_bench: MakeBench, kind: str, volts: float) -> None:
@@ -274,12 +267,6 @@ def test_options_that_make_no_robot_are_errors(kind: str, wrong: dict[str, Any],
     driver, port, options = KINDS[kind]
     with pytest.raises(ValidationError, match=says):
         load_driver(BASES, driver).model_validate({"port": port} | COMMON | options | wrong)
-
-
-@pytest.mark.parametrize("driver", ["ascii", "hoverboard", "waveshare-ugv"])
-def test_the_table_that_the_page_on_robots_shows_can_be_used(driver: str) -> None:
-    options = {key: value for key, value in SHOWN[driver].items() if key != "driver"}
-    assert load_driver(BASES, driver).model_validate(options).serial_stop().port == options["port"]
 
 
 # Waveshare UGV -----------------------------------------------------------------------------------

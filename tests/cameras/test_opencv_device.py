@@ -206,17 +206,6 @@ def test_a_damaged_picture_is_passed_over(device: FakeDevice, node: Path, clock:
     assert camera.read().image[0, 0, 0] == 3
 
 
-def test_a_camera_that_gives_only_damaged_pictures_times_out(
-    device: FakeDevice, node: Path, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    camera = camera_of(device, node, clock)
-    camera.open()
-    device.images = [None]
-    monkeypatch.setattr(device, "grab", lambda: clock.advance_s(0.1) is None)
-    with pytest.raises(CaptureTimeoutError, match=r"gave no whole picture for 1\.0 s"):
-        camera.read()
-
-
 def test_a_camera_that_stays_silent_times_out_and_may_be_read_again(
     device: FakeDevice, node: Path, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -254,15 +254,6 @@ def test_attempts_to_open_a_busy_camera_leave_no_descriptors_open(sensor: Sensor
     assert len(list(Path("/proc/self/fd").iterdir())) <= before
 
 
-def test_the_cause_is_not_sought_in_an_error_of_ours(sensor: Sensor) -> None:
-    camera_on(sensor).open()
-    with pytest.raises(DeviceOpenError, match="another program is using it"):  # noqa: PT012
-        try:
-            camera_on(sensor).read()
-        except DeviceClosedError:
-            camera_on(sensor).open()
-
-
 def test_an_error_of_libcamera_while_it_looks_for_cameras_is_one_of_ours(
     sensor: Sensor, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -75,6 +75,7 @@ class TestWaveshareUgv(SerialBaseContract):
     options: ClassVar = {}
 
 
+@pytest.mark.long  # differs from others by its codec alone, which has tests of its own
 class TestHoverboard(SerialBaseContract):
     driver, port = "hoverboard", "emulated-hoverboard"
     options: ClassVar = {"full_speed": "1 m/s"}
@@ -104,6 +105,7 @@ class TestBaseThatIsDrivenBlindly(SerialBaseContract):
     answers = False
 
 
+@pytest.mark.long  # differs from others by its codec alone, which has tests of its own
 class TestRoboclaw(SerialBaseContract):
     """With encoders."""
 

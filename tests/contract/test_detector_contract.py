@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pytest
@@ -42,9 +41,7 @@ class Wrong:
     def __post_init__(self) -> None:
         self.target_shape = self.right.target_shape
 
-    def detect(
-        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
-    ) -> Detection:
+    def detect(self, frame: Frame, prediction: Prediction | None = None, *, lens: Lens = None) -> Detection:
         return self.changed(self.right.detect(frame, prediction, lens=lens))
 
     def changed(self, found: Detection) -> Detection:
@@ -56,11 +53,6 @@ class TooLarge(Wrong):
         return scaled(found, 1.05)
 
 
-class UnsureOfEverything(Wrong):
-    def changed(self, found: Detection) -> Detection:
-        return replace(found, size_sigma_px=1e3)
-
-
 class ShiftedByHalfItsSize(Wrong):
     def changed(self, found: Detection) -> Detection:
         shift = np.array((found.width_px / 2, 0.0))
@@ -68,26 +60,11 @@ class ShiftedByHalfItsSize(Wrong):
         return replace(found, outline_px=found.outline_px + shift, centre_px=(x, y))
 
 
-class WithoutOutline(Wrong):
-    def changed(self, found: Detection) -> Detection:
-        return replace(found, outline_px=np.empty((0, 2)))
-
-
-class NanQuality(Wrong):
-    def changed(self, found: Detection) -> Detection:
-        return replace(found, quality=float("nan"))
-
-
 class FailsOnNothing(Wrong):
     def changed(self, found: Detection) -> Detection:
         if found.status is DetectionStatus.NOT_FOUND:
             raise IndexError("list index out of range")
         return found
-
-
-class Wordless(Wrong):
-    def changed(self, found: Detection) -> Detection:
-        return replace(found, reason="")
 
 
 class MeasuresWhatIsCutOff(Wrong):
@@ -103,52 +80,25 @@ class TakesWhatItFoundLast(Wrong):
 
 
 class LooksOnlyWhereExpected(Wrong):
-    def detect(
-        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
-    ) -> Detection:
+    def detect(self, frame: Frame, prediction: Prediction | None = None, *, lens: Lens = None) -> Detection:
         found = self.right.detect(frame, prediction, lens=lens)
         if prediction is None or np.hypot(*np.subtract(found.centre_px, prediction.centre_px)) < prediction.size_px:
             return found
         return Detection(target="it", status=DetectionStatus.NOT_FOUND, reason="not where it was expected")
 
 
-class TripsOverNan(Wrong):
-    def detect(
-        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
-    ) -> Detection:
-        if prediction is not None:
-            int(prediction.size_px)
-        return self.right.detect(frame, prediction, lens=lens)
-
-
 class IgnoresPredictions(Wrong):
-    def detect(
-        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
-    ) -> Detection:
+    def detect(self, frame: Frame, prediction: Prediction | None = None, *, lens: Lens = None) -> Detection:
         return self.right.detect(frame, lens=lens)
 
 
-class TakesTheMeanOfTwo(Wrong):
-    def detect(
-        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
-    ) -> Detection:
-        left, right = (self.right.detect(replace(frame, image=half), lens=lens) for half in _halves(frame))
-        if left.status is right.status is DetectionStatus.FOUND:
-            return scaled(left, (left.width_px + right.width_px) / 2 / left.width_px)
-        return self.right.detect(frame, prediction, lens=lens)
-
-
 class KnowsOneResolution(Wrong):
-    def detect(
-        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
-    ) -> Detection:
+    def detect(self, frame: Frame, prediction: Prediction | None = None, *, lens: Lens = None) -> Detection:
         return scaled(self.right.detect(frame, prediction, lens=lens), 640 / frame.width_px)
 
 
 class Draws(Wrong):
-    def detect(
-        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
-    ) -> Detection:
+    def detect(self, frame: Frame, prediction: Prediction | None = None, *, lens: Lens = None) -> Detection:
         found = self.right.detect(frame, prediction, lens=lens)
         frame.image[:3] = 255
         return found
@@ -160,17 +110,13 @@ class Random(Wrong):
 
 
 class NeedsWholeRows(Wrong):
-    def detect(
-        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
-    ) -> Detection:
+    def detect(self, frame: Frame, prediction: Prediction | None = None, *, lens: Lens = None) -> Detection:
         flat = frame.image if frame.image.flags.c_contiguous else np.zeros(frame.image.shape, np.uint8)
         return self.right.detect(replace(frame, image=flat), prediction, lens=lens)
 
 
 class TakesAnyImage(Wrong):
-    def detect(
-        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
-    ) -> Detection:
+    def detect(self, frame: Frame, prediction: Prediction | None = None, *, lens: Lens = None) -> Detection:
         try:
             return self.right.detect(frame, prediction, lens=lens)
         except ValueError:
@@ -178,34 +124,20 @@ class TakesAnyImage(Wrong):
 
 
 class FailsOnTinyImages(Wrong):
-    def detect(
-        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
-    ) -> Detection:
+    def detect(self, frame: Frame, prediction: Prediction | None = None, *, lens: Lens = None) -> Detection:
         if min(frame.image.shape[:2]) < 2:
             raise ZeroDivisionError
         return self.right.detect(frame, prediction, lens=lens)
 
 
-def _halves(frame: Frame) -> tuple[Any, Any]:
-    left, right = frame.image.copy(), frame.image.copy()
-    left[:, frame.width_px // 2 :], right[:, : frame.width_px // 2] = 0, 0
-    return left, right
-
-
 MISTAKES: dict[type[Wrong], str] = {
     TooLarge: "test_the_target_is_found_at_its_distance",
-    UnsureOfEverything: "test_the_target_is_found_at_its_distance",
     ShiftedByHalfItsSize: "test_a_detection_is_complete",
-    WithoutOutline: "test_a_detection_is_complete",
-    NanQuality: "test_a_detection_is_complete",
     FailsOnNothing: "test_a_frame_without_the_target_is_no_error_and_has_a_reason",
-    Wordless: "test_a_frame_without_the_target_is_no_error_and_has_a_reason",
     MeasuresWhatIsCutOff: "test_a_target_that_the_border_cuts_off_is_reported_and_not_measured",
     TakesWhatItFoundLast: "test_no_frame_changes_the_answer_to_another",
     LooksOnlyWhereExpected: "test_a_wrong_prediction_hides_nothing",
-    TripsOverNan: "test_a_wrong_prediction_hides_nothing",
     IgnoresPredictions: "test_of_two_targets_alike_the_expected_one_is_taken",
-    TakesTheMeanOfTwo: "test_of_two_targets_alike_one_is_measured",
     KnowsOneResolution: "test_a_frame_of_half_the_resolution_gives_the_same_distance",
     Draws: "test_the_image_is_not_changed",
     Random: "test_the_same_frame_gives_the_same_answer",

@@ -26,12 +26,12 @@ PASSWORD = "only for this test"
 USERS = ("garage", "attic", "homeassistant", "dashboard")
 
 
-@pytest.fixture(params=["passwords", "certificates"])
+@pytest.fixture
 def site(request: pytest.FixtureRequest, deploy: Path, tmp_path: Path) -> Iterator[Site]:
     """Start the broker with the example's files, only moved elsewhere and to the loopback."""
     require("mosquitto", "mosquitto_passwd", "openssl")
     broker = MosquittoBroker(tmp_path)
-    site = Site(broker.port, tmp_path, has_certificates=request.param == "certificates")
+    site = Site(broker.port, tmp_path, has_certificates=getattr(request, "param", "") == "certificates")
     shutil.copy(deploy / "mosquitto/stadimeter.acl", tmp_path / "stadimeter.acl")
     if site.has_certificates:
         make = [deploy / "mosquitto/make-certificates", tmp_path / "stadimeter", "127.0.0.1", *USERS]
@@ -188,6 +188,7 @@ def test_a_reader_hears_alarms_and_no_pictures_and_gives_no_commands(connect):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("site", ["passwords", "certificates"], indirect=True)
 def test_the_program_itself_takes_commands_and_answers_within_its_role(site, connect):
     table: dict[str, Any] = {"host": "127.0.0.1", "port": site.port, "node": "garage", "protocol": "5"}
     if site.has_certificates:
@@ -229,7 +230,6 @@ def test_an_appliance_announces_itself_only_and_hears_that_home_assistant_has_st
 
 @pytest.mark.long
 @pytest.mark.parametrize(("user", "password"), [(None, ""), ("garage", "wrong"), ("stranger", PASSWORD)])
-@pytest.mark.parametrize("site", ["passwords"], indirect=True)
 def test_who_has_no_password_is_refused(connect, user, password):
     assert connect(user, password).refusal == "Not authorized"
 

@@ -360,12 +360,3 @@ def test_most_discs_are_found_before_clutter() -> None:
         if abs(seen(each.image).width_px / ellipse_through(each.truth.outline_px).axes()[0] - 2) < 0.02
     ]
     assert len(true) >= 6
-
-
-def test_colour_at_half_the_resolution_makes_the_size_less_certain() -> None:
-    frame, camera = Frame(picture(ellipse(50, 40)), 0.0, 0), CAMERA
-    full, halved = (
-        detector(replace(camera, subsampling=each)).detect(frame).size_sigma_px for each in ("4:4:4", "4:2:0")
-    )
-    assert halved > full > 0
-    assert halved > 0.02

@@ -73,14 +73,6 @@ def test_something_that_touches_the_sheet_does_not_hide_its_outline() -> None:
     assert np.abs(outlines - wanted).max(axis=(1, 2)).min() < 2
 
 
-def test_one_by_one_candidates_settle_where_they_do_together() -> None:
-    starts = np.stack((CORNERS + 1.0, CORNERS - 0.5))
-    close = measure_edges(SEEN, starts, 6.0)
-    together, alone = (settle(SEEN, close) for settle in (settle_edges, settle_each))
-    assert alone.corners_px == pytest.approx(together.corners_px, abs=0.02)
-    assert alone.colour_contrast == pytest.approx(together.colour_contrast, rel=0.05)
-
-
 def test_a_side_half_hidden_is_left_to_the_more_thorough_search() -> None:
     middle = CORNERS[:2].mean(axis=0)
     left, right = np.add(middle, (-17, -12)), np.add(middle, (17, -12))
