@@ -187,6 +187,7 @@ def test_whatever_comes_in_an_honest_client_is_answered(instance, count, idle):
             fuzz(instance, random.Random(6), count // 10)  # noqa: S311 - likewise
             before_kb = memory_kb(instance)
             fuzz(instance, random.Random(7), count)  # noqa: S311 - nothing secret depends on it
+            eventually(lambda: len(waited_s) > 2)  # on a busy machine the honest one takes its time
         finally:
             is_honest_served = threads[0].is_alive()
             stopped.set()
