@@ -35,110 +35,57 @@ def plan(text: str, severity: Severity = Severity.WARNING) -> Condition:
     return table(text).to_plan(severity)
 
 
-DISTANCE = DistanceCondition()
 ENTRIES: list[tuple[str, Condition]] = [
     ('{ below = "50 cm" }', DistanceCondition(below_m=0.5)),
     ('{ above = "1 m", below = "2 m" }', DistanceCondition(above_m=1.0, below_m=2.0)),
-    (
-        (
-            '{ between = ["1 m", "2 m"], of = "depth", deadband = "10 cm", deadband_sigmas = 2, probability = "none", '
-            'probability_off = 0.3, target = "tag" }'
-        ),
-        DistanceCondition(
-            above_m=1.0,
-            below_m=2.0,
-            quantity="depth",
-            deadband_m=0.1,
-            deadband_sigmas=2.0,
-            probability_on=None,
-            probability_off=0.3,
-            target="tag",
-        ),
-    ),
+    ('{ between = ["1 m", "2 m"], of = "depth", deadband = "10 cm", deadband_sigmas = 2, target = "tag" }',
+     DistanceCondition(above_m=1.0, below_m=2.0, quantity="depth", deadband_m=0.1, deadband_sigmas=2.0, target="tag")),
+    ('{ below = "1 m", probability = "none", probability_off = 0.3 }',
+     DistanceCondition(below_m=1.0, probability_on=None, probability_off=0.3)),
     ("{ seen = true }", PresenceCondition(seen=True)),
     ('{ lost = true, target = "tag" }', PresenceCondition(seen=False, target="tag")),
     ('{ seen_for = "5 s" }', PresenceCondition(seen=True, for_s=5.0)),
     ('{ lost_for = "5 min" }', PresenceCondition(seen=False, for_s=300.0)),
-    (
-        '{ bearing = { above = "-10 deg", deadband = "2 deg" } }',
-        direction(above=math.radians(-10), deadband=math.radians(2)),
-    ),
-    (
-        '{ elevation = { between = ["0 deg", "90 deg"] }, target = "tag" }',
-        direction(quantity="elevation", above=0.0, below=math.pi / 2, target="tag"),
-    ),
-    (
-        '{ closing_speed = { above = "0.5 m/s", deadband = "0.1 m/s", probability = 0.9 } }',
-        closing(above=0.5, deadband=0.1, probability_on=0.9),
-    ),
+    ('{ bearing = { above = "-10 deg", deadband = "2 deg" } }',
+     direction(above=math.radians(-10), deadband=math.radians(2))),
+    ('{ elevation = { between = ["0 deg", "90 deg"] }, target = "tag" }',
+     direction(quantity="elevation", above=0.0, below=math.pi / 2, target="tag")),
+    ('{ closing_speed = { above = "0.5 m/s", deadband = "0.1 m/s", probability = 0.9 } }',
+     closing(above=0.5, deadband=0.1, probability_on=0.9)),
     ('{ closing_speed = { below = "-1 m/s" } }', closing(below=-1.0)),
-    (
-        (
-            '{ time_to_contact = { below = "2 s", contact = "10 cm", min_closing_speed = "0.3 m/s", deadband = "1 s", '
-            "speed_sigmas = 3 } }"
-        ),
-        TimeToContactCondition(below_s=2.0, contact_m=0.1, closing_min_mps=0.3, deadband_s=1.0, speed_sigmas=3.0),
-    ),
-    (
-        '{ separation = { of = ["ball", "tag"], below = "1 m" } }',
-        separation(targets=("ball", "tag"), below=1.0),
-    ),
+    ('{ time_to_contact = { below = "2 s", contact = "10 cm", min_closing_speed = "0.3 m/s", deadband = "1 s" } }',
+     TimeToContactCondition(below_s=2.0, contact_m=0.1, closing_min_mps=0.3, deadband_s=1.0)),
+    ('{ time_to_contact = { below = "2 s", speed_sigmas = 3 } }',
+     TimeToContactCondition(below_s=2.0, speed_sigmas=3.0)),
+    ('{ separation = { of = ["ball", "tag"], below = "1 m" } }', separation(targets=("ball", "tag"), below=1.0)),
     ('{ height = { above = "2 m" } }', FigureCondition(quantity="height", above=2.0)),
-    (
-        '{ x = { between = ["-1 m", "50 cm"], deadband = "5 cm" }, target = "tag" }',
-        FigureCondition(quantity="x", above=-1.0, below=0.5, deadband=0.05, target="tag"),
-    ),
-    (
-        '{ speed = { above = "2 m/s" } }',
-        FigureCondition(quantity="speed", above=2.0, deadband_sigmas=2.0, probability_on=0.95),
-    ),
+    ('{ x = { between = ["-1 m", "50 cm"], deadband = "5 cm" }, target = "tag" }',
+     FigureCondition(quantity="x", above=-1.0, below=0.5, deadband=0.05, target="tag")),
+    ('{ speed = { above = "2 m/s" } }',
+     FigureCondition(quantity="speed", above=2.0, deadband_sigmas=2.0, probability_on=0.95)),
     ('{ size = { above = "20 %" } }', FigureCondition(quantity="size", above=0.2)),
     ('{ still_for = "10 min", still_within = "5 cm" }', still(600.0, within_m=0.05)),
     ('{ nearer_than = "tag" }', FigureCondition(quantity="distance", below=0.0, other="tag")),
-    (
-        '{ target = "ball", right_of = { target = "tag", by = "10 deg", deadband = "1 deg", probability = 0.9 } }',
-        FigureCondition(
-            quantity="bearing",
-            above=math.radians(10),
-            deadband=math.radians(1),
-            probability_on=0.9,
-            target="ball",
-            other="tag",
-        ),
-    ),
-    (
-        '{ lower_than = { target = "tag", by = "20 cm" } }',
-        FigureCondition(quantity="height_above_camera", below=-0.2, other="tag"),
-    ),
+    ('{ target = "ball", right_of = { target = "tag", by = "10 deg", deadband = "1 deg" } }',
+     FigureCondition(
+         quantity="bearing", above=math.radians(10), deadband=math.radians(1), target="ball", other="tag"
+     )),
+    ('{ lower_than = { target = "tag", by = "20 cm", probability = 0.9 } }',
+     FigureCondition(quantity="height_above_camera", below=-0.2, probability_on=0.9, other="tag")),
     ("{ count = { at_least = 2 } }", CountCondition(at_least=2)),
-    (
-        '{ count = { at_most = 1, of = ["ball", "tag"] } }',
-        CountCondition(at_most=1, targets=("ball", "tag")),
-    ),
+    ('{ count = { at_most = 1, of = ["ball", "tag"] } }', CountCondition(at_most=1, targets=("ball", "tag"))),
     ('{ rule = "too-close" }', RuleCondition(rule="too-close")),
-    (
-        '{ time = { between = ["22:00", "06:00"], days = ["sun", "mon", "mon"] } }',
-        ScheduleCondition(from_s=79200.0, to_s=21600.0, weekdays=(0, 6)),
-    ),
+    ('{ time = { between = ["22:00", "06:00"], days = ["sun", "mon", "mon"] } }',
+     ScheduleCondition(from_s=79200.0, to_s=21600.0, weekdays=(0, 6))),
     ("{ bumped = true }", ContactSensorCondition(sensor="is_bumped")),
     ("{ at_cliff = true }", ContactSensorCondition(sensor="is_at_cliff")),
     ('{ battery_below = "10800 mV" }', BatteryCondition(below_v=10.8)),
     ('{ undelivered_for = "5 s" }', UndeliveredCondition(for_s=5.0)),
-    (
-        "{ time = { between = [22:00:00, 06:30:00] } }",
-        ScheduleCondition(from_s=79200.0, to_s=23400.0),
-    ),
-    (
-        '{ all = [ { below = "1 m" }, { not = { seen = true } } ] }',
-        AllOf(
-            conditions=(
-                DistanceCondition(below_m=1.0),
-                Not(condition=PresenceCondition(seen=True)),
-            )
-        ),
-    ),
+    ("{ time = { between = [22:00:00, 06:30:00] } }", ScheduleCondition(from_s=79200.0, to_s=23400.0)),
+    ('{ all = [ { below = "1 m" }, { not = { seen = true } } ] }',
+     AllOf(conditions=(DistanceCondition(below_m=1.0), Not(condition=PresenceCondition(seen=True))))),
     ('{ any = [ { rule = "a" } ] }', AnyOf(conditions=(RuleCondition(rule="a"),))),
-]
+]  # fmt: skip
 
 
 def test_a_condition_means_what_is_written(subtests: pytest.Subtests) -> None:
@@ -173,92 +120,28 @@ def test_several_conditions_in_one_table_are_short_for_all_of_them() -> None:
     assert len(kinds_in(tomllib.loads(f"when = {text}")["when"])) == 3
 
 
-def test_what_is_wrong_in_one_of_several_conditions_is_found_at_its_table(told: Told, sound: str) -> None:
-    rule = '[rules.it]\nactuator = "buzzer"\nwhen = { below = "1 m", lost = true }\n'
-    (message,) = told(f"{sound}{rule}")
-    assert message.startswith('rules.it.when: { below = "1 m" } and { lost = true } never hold together')
-
-
 WRONG = [
-    (
-        '{ above = "1 m", between = ["2 m", "3 m"] }',
-        "rules.it.when: a condition cannot have above, between at once (write above, below, both of these, or between)",
-    ),
-    (
-        '{ seen = true, rule = "it", of = "depth" }',
-        "rules.it.when.of: 'of' has no meaning beside 'seen' and 'rule' (leave it out)",
-    ),
-    (
-        '{ seen = true, probability = 0.9 }',
-        "rules.it.when.probability: 'probability' has no meaning beside 'seen' (leave it out)",
-    ),
-    (
-        '{ closing_speed = { above = "1 m/s" }, deadband = "1 m" }',
-        "rules.it.when.deadband: 'deadband' has no meaning beside 'closing_speed' (write it inside closing_speed)",
-    ),
-    (
-        '{ any = [ { seen = true } ], target = "ball" }',
-        ("rules.it.when.target: 'target' has no meaning beside 'any' "
-        "(write it inside each condition that is about another target)"),
-    ),
-    (
-        "{ bearing = {} }",
-        "rules.it.when.bearing: 'bearing' has no limit (write above, below, both of these, or between)",
-    ),
-    (
-        '{ bearing = { above = "1 deg", between = ["2 deg", "3 deg"] } }',
-        ("rules.it.when.bearing: a condition cannot have above, between at once "
-        "(write above, below, both of these, or between)"),
-    ),
-    (
-        '{ bearing = { abov = "1 deg" } }',
-        "rules.it.when.bearing.abov: unknown key 'abov' (did you mean 'above'?)",
-    ),
-    (
-        "{ count = {} }",
-        "rules.it.when.count: how many targets is not said (add at_least, at_most, or both)",
-    ),
-    (
-        "{ count = { at_least = 0 } }",
-        "rules.it.when.count.at_least: 0 is below 1",
-    ),
-    (
-        '{ time = { between = ["22:00", "22:00"] } }',
-        ("rules.it.when.time.between: the time begins and ends at 22:00 "
-        '(write ["00:00", "24:00"] for the whole day)'),
-    ),
-    (
-        '{ time = { between = ["22:00", "25:00"] } }',
-        "rules.it.when.time.between.1: '25:00' is no time that a clock shows; write it such as '22:30'",
-    ),
-    (
-        '{ time = { between = ["22:00", "06:00"], days = ["mon", "tues"] } }',
-        "rules.it.when.time.days.1: 'tues' is not one of: mon, tue, wed, thu, fri, sat, sun (did you mean 'tue'?)",
-    ),
-    (
-        '{ time_to_contact = { contact = "1 m" } }',
-        "rules.it.when.time_to_contact.below: 'below' is missing",
-    ),
-    (
-        '{ time_to_contact = { below = "0 s" } }',
-        "rules.it.when.time_to_contact.below: '0 s' is not a duration above zero",
-    ),
-    (
-        '{ lost = false }',
-        "rules.it.when.lost: only true can be written here; the opposite of 'seen = true' is 'lost = true'",
-    ),
-    (
-        "{ all = [] }",
-        "rules.it.when.all: [] is a list of fewer than 1 entries",
-    ),
-    (
-        '{ not = [ { seen = true } ] }',
-        "rules.it.when.not: [a table] is not a table; write it as { … }",
-    ),
-    (
-        '{ all = [ { bellow = "1 m" } ] }',
-        "rules.it.when.all.0.bellow: unknown key 'bellow' (did you mean 'below'?)",
-    ),
+    ('{ above = "1 m", between = ["2 m", "3 m"] }',
+     "rules.it.when: a condition cannot have above, between at once (write above, below, both of these, or between)"),
+    ('{ seen = true, rule = "it", of = "depth" }',
+     "rules.it.when.of: 'of' has no meaning beside 'seen' and 'rule' (leave it out)"),
+    ('{ seen = true, probability = 0.9 }',
+     "rules.it.when.probability: 'probability' has no meaning beside 'seen' (leave it out)"),
+    ('{ closing_speed = { above = "1 m/s" }, deadband = "1 m" }', "(write it inside closing_speed)"),
+    ('{ any = [ { seen = true } ], target = "ball" }', "(write it inside each condition that is about another target)"),
+    ("{ bearing = {} }", "rules.it.when.bearing: 'bearing' has no limit"),
+    ('{ bearing = { above = "1 deg", between = ["2 deg", "3 deg"] } }', "cannot have above, between at once"),
+    ("{ count = {} }", "rules.it.when.count: how many targets is not said (add at_least, at_most, or both)"),
+    ("{ count = { at_least = 0 } }", "rules.it.when.count.at_least: 0 is below 1"),
+    ('{ time = { between = ["22:00", "22:00"] } }', '(write ["00:00", "24:00"] for the whole day)'),
+    ('{ time = { between = ["22:00", "25:00"] } }', "'25:00' is no time that a clock shows; write it such as '22:30'"),
+    ('{ time = { between = ["22:00", "06:00"], days = ["mon", "tues"] } }', "rules.it.when.time.days.1: 'tues'"),
+    ('{ time_to_contact = { contact = "1 m" } }', "rules.it.when.time_to_contact.below: 'below' is missing"),
+    ('{ lost = false }', "only true can be written here; the opposite of 'seen = true' is 'lost = true'"),
+    ("{ all = [] }", "rules.it.when.all: [] is a list of fewer than 1 entries"),
+    ('{ not = [ { seen = true } ] }', "rules.it.when.not: [a table] is not a table; write it as { … }"),
+    ('{ all = [ { bellow = "1 m" } ] }', "rules.it.when.all.0.bellow: unknown key 'bellow' (did you mean 'below'?)"),
+    ('{ below = "1 m", lost = true }', 'rules.it.when: { below = "1 m" } and { lost = true } never hold together'),
 ]  # fmt: skip
 
 
@@ -267,11 +150,7 @@ MISPLACED = [
     ('when = { below = "1 m", hysteresis = "5 cm" }', "when.hysteresis", "it is called deadband"),
     ('when = { below = "1 m" }\ndebounce = "1 s"', "debounce", 'write on_delay = "2 s"'),
     ('below = "1 m"', "below", 'write it inside when, such as when = { below = "50 cm" }'),
-    (
-        'ramp = { from = "2 m", to = "1 m" }\npattern = { on = "0.1 s", off = "0.1 s" }',
-        "pattern",
-        "a buzzer on a ramp beeps by itself",
-    ),
+    ('ramp = { from = "2 m", to = "1 m" }\npattern = { on = "0.1 s", off = "0.1 s" }', "pattern", "beeps by itself"),
 ]
 
 
@@ -285,15 +164,16 @@ def test_a_key_that_belongs_elsewhere_is_answered_with_its_place(
 
 
 def test_a_condition_that_says_nothing_clear_is_refused(told: Told, sound: str, subtests: pytest.Subtests) -> None:
-    for when, line in WRONG:
-        with subtests.test(when=when, line=line):
-            assert line in told(f'{sound}[rules.it]\nactuator = "buzzer"\nwhen = {when}\n')
+    for when, words in WRONG:
+        with subtests.test(when=when):
+            lines = told(f'{sound}[rules.it]\nactuator = "buzzer"\nwhen = {when}\n')
+            assert any(words in line for line in lines), lines
 
 
-@pytest.mark.parametrize(("when", "line"), [WRONG[0], WRONG[2]])
-def test_what_suppresses_a_rule_is_checked_like_what_raises_it(told: Told, sound: str, when: str, line: str) -> None:
+def test_what_suppresses_a_rule_is_checked_like_what_raises_it(told: Told, sound: str) -> None:
+    when, words = WRONG[0]
     rule = f'[rules.it]\nactuator = "buzzer"\nwhen = {{ below = "1 m" }}\nsuppress_when = {when}\n'
-    assert line.replace("it.when", "it.suppress_when") in told(sound + rule)
+    assert words.replace("it.when", "it.suppress_when") in told(sound + rule)
 
 
 def nested(depth: int) -> str:
@@ -310,37 +190,22 @@ def test_conditions_stand_inside_each_other_so_deep_and_no_deeper(told: Told, lo
 
 
 SENTENCES = [
-    (
-        '{ all = [ { below = "1 m" }, { time = { between = ["22:00", "06:00"] } } ] }',
-        "when `ball` is nearer than 1.00 m (3.3 ft) with a probability of {sure} and it is between 22:00 and 06:00",
-    ),
-    (
-        '{ any = [ { not = { seen = true } }, { rule = "other" } ] }',
-        "when not (`ball` is in sight) or `other` is active",
-    ),
+    ('{ all = [ { below = "1 m" }, { time = { between = ["22:00", "06:00"] } } ] }',
+     "when `ball` is nearer than 1.00 m (3.3 ft) with a probability of {sure} and it is between 22:00 and 06:00"),
+    ('{ any = [ { not = { seen = true } }, { rule = "other" } ] }',
+     "when not (`ball` is in sight) or `other` is active"),
     ('{ lost_for = "90 s" }', "when `ball` is out of sight for 90 s"),
     ('{ seen_for = "8 h" }', "when `ball` is in sight for 8 h"),
-    (
-        '{ bearing = { above = "20 deg" } }',
-        "when the bearing of `ball` is above 20.0° in 3 of 5 frames; clears when its bearing is below 18.9°",
-    ),
-    (
-        '{ closing_speed = { above = "0.5 m/s", probability = "none" } }',
-        (
-            "when the closing speed of `ball` is above 0.50 m/s in 3 of 5 frames; clears when its closing speed is "
-            "below 0.50 m/s by 2 standard deviations of the noise"
-        ),
-    ),
-    (
-        '{ time_to_contact = { below = "2 s", contact = "10 cm", probability = 0.9 } }',
-        (
-            "when `ball` will be 0.10 m (0.3 ft) away within 2 s (if faster than 0.1 m/s) with a probability of "
-            "90%; clears when contact is later than 2 s by 0.5 s or 2 standard deviations of the noise, "
-            "whichever is more,"
-        ),
-    ),
+    ('{ bearing = { above = "20 deg" } }',
+     "when the bearing of `ball` is above 20.0° in 3 of 5 frames; clears when its bearing is below 18.9°"),
+    ('{ closing_speed = { above = "0.5 m/s", probability = "none" } }',
+     ("when the closing speed of `ball` is above 0.50 m/s in 3 of 5 frames; clears when its closing speed is "
+      "below 0.50 m/s by 2 standard deviations of the noise")),
+    ('{ time_to_contact = { below = "2 s", contact = "10 cm", probability = 0.9 } }',
+     ("when `ball` will be 0.10 m (0.3 ft) away within 2 s (if faster than 0.1 m/s) with a probability of "
+      "90%; clears when contact is later than 2 s by 0.5 s or 2 standard deviations of the noise, whichever is more,")),
     ("{ count = { at_least = 1, at_most = 2 } }", "when 1 to 2 targets are in sight"),
-]
+]  # fmt: skip
 
 
 def test_a_check_says_in_words_when_it_begins_and_ends(load: Load, sound: str, subtests: pytest.Subtests) -> None:
@@ -348,7 +213,7 @@ def test_a_check_says_in_words_when_it_begins_and_ends(load: Load, sound: str, s
         with subtests.test(when=when, sentence=sentence):
             rule = f'[rules.it]\nactuator = "buzzer"\nwhen = {when}\n[rules.other]\nwhen = {{ seen = true }}\n'
             told = describe(load(sound + rule))[1]
-            assert sentence.format(sure=f"{DISTANCE.probability_on:.0%}") in told
+            assert sentence.format(sure=f"{DistanceCondition().probability_on:.0%}") in told
 
 
 TIMES = [("22:30", 81000.0), ("6:05", 21900.0), ("24:00", 86400.0), ("00:00:30", 30.0), (time(22, 30), 81000.0)]

@@ -23,126 +23,40 @@ NEAR = '[rules.near]\nactuator = "buzzer"\n'
 
 
 BROKEN = [
-    (
-        '[rules.near]\nactuator = "buzzer"\ntarget = "bal"\nwhen = { below = "1 m" }',
-        "rules.near.target: there is no target 'bal' (did you mean 'ball'?)",
-    ),
-    (
-        '[rules.near]\nactuator = "zzz"\nwhen = { below = "1 m" }',
-        "rules.near.actuator: there is no actuator 'zzz' (known are: base, buzzer, motor)",
-    ),
-    (
-        f'{NEAR}every = "1 min"\nramp = {{ from = "1 m", to = "2 m" }}',
-        ("rules.near.every: the rule 'near' has ramp and every; a rule has one of ramp, follow, every and at, or when "
-        "alone (make a rule of its own for each)"),
-    ),
-    (
-        NEAR,
-        ("rules.near: the rule 'near' does nothing; a rule has one of ramp, follow, every and at, or when alone "
-        '(add one, such as when = { below = "50 cm" })'),
-    ),
-    (
-        f'{NEAR}ramp = {{ from = "1 m", to = "2 m" }}\nlevel = 0.5',
-        "rules.near.level: 'level' has no meaning beside ramp (leave it out)",
-    ),
-    (
-        f"{NEAR}when = {{ }}",
-        ("rules.near.when: the condition is empty (write one of above, below, between, seen, lost, seen_for, "
-        "lost_for, bearing, elevation, closing_speed, time_to_contact, x, y, z, ahead, left, height, "
-        "height_above_camera, "
-        "sideways_speed, speed, size, still_for, nearer_than, further_than, left_of, right_of, lower_than, "
-        "higher_than, separation, count, active_for, figure, rule, sequence_of, time, bumped, "
-        "at_cliff, battery_below, undelivered_for, all, any and not)"),
-    ),
-    (
-        f'{NEAR}when = {{ above = "1 m", between = ["2 m", "3 m"] }}',
-        ("rules.near.when: a condition cannot have above, between at once "
-        "(write above, below, both of these, or between)"),
-    ),
-    (
-        f'{NEAR}when = {{ seen = true, deadband = "1 m" }}',
-        "rules.near.when.deadband: 'deadband' has no meaning beside 'seen' (leave it out)",
-    ),
-    (
-        f"{NEAR}when = {{ seen = false }}",
-        "rules.near.when.seen: only true can be written here; the opposite of 'seen = true' is 'lost = true'",
-    ),
-    (
-        f'{NEAR}when = {{ above = "2 m", below = "1 m" }}',
-        "rules.near.when: no distance is above 2 m and below 1 m (exchange the two, or make two rules of them)",
-    ),
-    (
-        f'{NEAR}when = {{ between = ["2 m", "2 m"] }}',
-        "rules.near.when.between: no distance is above 2 m and below 2 m (write the nearer end first)",
-    ),
-    (
-        f'{NEAR}when = {{ above = "1 m", deadband = "1 m" }}',
-        ("rules.near.when.deadband: with a deadband of 1 m above 1 m the alarm could never clear "
-        "(make it smaller than the limit)"),
-    ),
-    (
-        f'{NEAR}when = {{ below = "1 m", probability_off = 0.9 }}',
-        ("rules.near.when.probability_off: probability_off 0.9 is above probability 0.7: the alarm would chatter "
-        "(exchange the two)"),
-    ),
-    (
-        f'{NEAR}severity = "safety"\nwhen = {{ below = "1 m", probability_off = 0.6 }}',
-        ("rules.near.when.probability_off: probability_off 0.6 is above probability 0.5: the alarm would chatter "
-        "(exchange the two)"),
-    ),
-    (
-        f'{NEAR}when = {{ below = "1 m" }}\non_delay = {{ frames = 5, of = 3 }}',
-        "rules.near.on_delay: 5 of 3 frames can never be (exchange them)",
-    ),
-    (
-        f'{NEAR}when = {{ below = "1 m" }}\nlost = {{ grace = "2 s", fault_after = "1 s" }}',
-        "rules.near.lost: fault_after 1 s is shorter than grace 2 s (make it at least as long)",
-    ),
-    (
-        f'{NEAR}ramp = {{ from = "1 m", to = "2 m", min = 0.8, max = 0.2 }}',
-        "rules.near.ramp.min: min 0.8 is above max 0.2 (exchange them; from and to give the direction)",
-    ),
-    (
-        '[rules.near]\nramp = { from = "1 m", to = "2 m" }',
-        'rules.near.actuator: a ramp needs an actuator to drive (add one, such as actuator = "motor")',
-    ),
-    (
-        '[rules.near]\nactuator = "base"\nramp = { from = "1 m", to = "2 m" }',
-        ("rules.near.actuator: a ramp cannot drive the base "
-        "(drive an actuator, or write follow in place of ramp)"),
-    ),
-    (
-        f'{NEAR}follow = {{ distance = "1 m" }}',
-        "rules.near.actuator: only the base can follow, not 'buzzer' (write actuator = \"base\")",
-    ),
-    (
-        '[rules.near]\nfollow = { distance = "1 m" }',
-        "rules.near.actuator: only the base can follow, and this rule names nothing (write actuator = \"base\")",
-    ),
-    (
-        '[rules.near]\nactuator = "base"\nfollow = { distance = "1 m", deadband = "2 m" }',
-        ("rules.near.follow.deadband: the deadband 2 m reaches past the distance 1 m "
-        "(make it smaller than the distance)"),
-    ),
-    (
-        '[rules.near]\nactuator = "base"\nfollow = { distance = "1 m", turn_deadband = "-1 deg" }',
-        "rules.near.follow.turn_deadband: the deadband is below zero (write it without the minus sign)",
-    ),
-    (
-        ('[rules.near]\nactuator = "base"\nfollow = { distance = "1 m", max_speed = "0 m/s", '
-        'max_turn_rate = "0 deg/s" }'),
-        "rules.near.follow: with all three largest speeds zero the base would never move (allow one of them)",
-    ),
-    ("[rules.safety]\nwhen = { seen = true }", ("rules.safety: 'safety' cannot be a name here (the program uses it "
-     "itself)")),
+    ('[rules.near]\nactuator = "buzzer"\ntarget = "bal"\nwhen = { below = "1 m" }',
+     "rules.near.target: there is no target 'bal' (did you mean 'ball'?)"),
+    ('[rules.near]\nactuator = "zzz"\nwhen = { below = "1 m" }',
+     "rules.near.actuator: there is no actuator 'zzz' (known are: base, buzzer, motor)"),
+    (f'{NEAR}every = "1 min"\nramp = {{ from = "1 m", to = "2 m" }}', "rules.near.every: the rule 'near' has ramp"),
+    (NEAR, "rules.near: the rule 'near' does nothing; a rule has one of ramp, follow, every and at, or when alone"),
+    (f'{NEAR}ramp = {{ from = "1 m", to = "2 m" }}\nlevel = 0.5', "rules.near.level: 'level' has no meaning beside"),
+    (f"{NEAR}when = {{ }}", "rules.near.when: the condition is empty (write one of above, below, between, seen,"),
+    (f'{NEAR}when = {{ above = "2 m", below = "1 m" }}', "(exchange the two, or make two rules of them)"),
+    (f'{NEAR}when = {{ between = ["2 m", "2 m"] }}', "rules.near.when.between: no distance is above 2 m and below 2 m"),
+    (f'{NEAR}when = {{ above = "1 m", deadband = "1 m" }}', "rules.near.when.deadband: with a deadband of 1 m above"),
+    (f'{NEAR}when = {{ below = "1 m", probability_off = 0.9 }}', "probability_off 0.9 is above probability 0.7: the"),
+    (f'{NEAR}severity = "safety"\nwhen = {{ below = "1 m", probability_off = 0.6 }}', "0.6 is above probability 0.5"),
+    (f'{NEAR}when = {{ below = "1 m" }}\non_delay = {{ frames = 5, of = 3 }}', "rules.near.on_delay: 5 of 3 frames"),
+    (f'{NEAR}when = {{ below = "1 m" }}\nlost = {{ grace = "2 s", fault_after = "1 s" }}', "is shorter than grace 2 s"),
+    (f'{NEAR}ramp = {{ from = "1 m", to = "2 m", min = 0.8, max = 0.2 }}', "rules.near.ramp.min: min 0.8 is above max"),
+    ('[rules.near]\nramp = { from = "1 m", to = "2 m" }', "rules.near.actuator: a ramp needs an actuator to drive"),
+    ('[rules.near]\nactuator = "base"\nramp = { from = "1 m", to = "2 m" }', "a ramp cannot drive the base"),
+    (f'{NEAR}follow = {{ distance = "1 m" }}', "rules.near.actuator: only the base can follow, not 'buzzer'"),
+    ('[rules.near]\nfollow = { distance = "1 m" }', "only the base can follow, and this rule names nothing"),
+    ('[rules.near]\nactuator = "base"\nfollow = { distance = "1 m", deadband = "2 m" }', "reaches past the distance"),
+    ('[rules.near]\nactuator = "base"\nfollow = { distance = "1 m", turn_deadband = "-1 deg" }', "is below zero"),
+    ('[rules.near]\nactuator = "base"\nfollow = { distance = "1 m", max_speed = "0 m/s", max_turn_rate = "0 deg/s" }',
+     "rules.near.follow: with all three largest speeds zero the base would never move"),
+    ("[rules.safety]\nwhen = { seen = true }", "rules.safety: 'safety' cannot be a name here"),
 ]  # fmt: skip
 
 
 @pytest.mark.long
 def test_a_rule_that_cannot_work_is_refused(told: Told, sound: str, subtests: pytest.Subtests) -> None:
-    for rules, line in BROKEN:
-        with subtests.test(rules=rules, line=line):
-            assert told(f"{sound}{rules}\n") == [line]
+    for rules, words in BROKEN:
+        with subtests.test(rules=rules):
+            (line,) = told(f"{sound}{rules}\n")
+            assert words in line
 
 
 WORKING = [
@@ -183,15 +97,16 @@ def test_a_base_that_is_not_there_cannot_be_driven(told: Told, sound: str) -> No
     ]
 
 
-def test_a_serial_port_belongs_to_one_driver(told: Told, sound: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    extra = '[actuators.winch]\ndriver = "test-winch"\nline = { port = "/dev/ttyUSB0" }\n'
+def test_a_port_and_a_pin_belong_to_one_driver_each(told: Told, sound: str, monkeypatch: pytest.MonkeyPatch) -> None:
     install_winch(monkeypatch)
-    assert told(sound + extra) == [
-        (
-            "base.port: serial port /dev/ttyUSB0 is used twice: by actuators.winch.line.port and by base.port "
-            "(each needs its own)"
-        )
-    ]
+    winch = '[actuators.winch]\ndriver = "test-winch"\nbrake = {}\nline = {{ port = "/dev/ttyUSB{}" }}\n'
+    (port,), (pin,) = (told(sound + winch.format(*taken)) for taken in ((2, 0), (18, 1)))
+    assert port.startswith(
+        "base.port: serial port /dev/ttyUSB0 is used twice: by actuators.winch.line.port and by base."
+    )
+    assert pin.startswith(
+        "actuators.winch.brake: pin 18 is used twice: by actuators.motor.pin and by actuators.winch.b"
+    )
 
 
 def test_a_pin_may_also_be_wanted_by_none(load: Load, sound: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -200,55 +115,27 @@ def test_a_pin_may_also_be_wanted_by_none(load: Load, sound: str, monkeypatch: p
     assert len(load(sound + extra.format("a", 1) + extra.format("b", 2)).actuators) == 4
 
 
-def test_an_optional_pin_counts_too(told: Told, sound: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    install_winch(monkeypatch)
-    extra = '[actuators.winch]\ndriver = "test-winch"\nbrake = 18\nline = { port = "/dev/ttyUSB1" }\n'
-    assert told(sound + extra) == [
-        (
-            "actuators.winch.brake: pin 18 is used twice: by actuators.motor.pin and by actuators.winch.brake "
-            "(each needs its own)"
-        )
-    ]
-
-
 def test_rules_need_a_camera_model(told: Told, load: Load, sound: str) -> None:
     head, _, rest = sound.partition("[camera.model]")
     without = head + rest[rest.index("[targets.ball]") :]
     assert load(without).camera_model is None
-    assert told(f"{without}{NEAR}when = {{ seen = true }}\n") == [
-        (
-            "camera.model: rules need distances, and distances need a camera model (run `stadimeter calibrate distance "
-            'PICTURE@DISTANCE -o camera.toml` and add model = "camera.toml")'
-        )
-    ]
+    (line,) = told(f"{without}{NEAR}when = {{ seen = true }}\n")
+    assert line.startswith("camera.model: rules need distances, and distances need a camera model")
 
 
-WITHOUT_WORLD = [
-    (
-        'driver = "opencv"\ndevice = 0',
-        'driver = "simulated"',
-        (
-            "camera.driver: 'simulated' needs a simulated world to be in, and there is no section [world] "
-            "(add one; it may be empty)"
-        ),
-    ),
-    (
-        'detector = "ball"\ndiameter = "6.4 cm"\nhsv = "29,86,6:64,255,255"',
-        'detector = "ideal"',
-        (
-            "targets.ball.detector: 'ideal' needs a simulated world to be in, and there is no section [world] "
-            "(add one; it may be empty)"
-        ),
-    ),
-]
-
-
-def test_what_is_simulated_needs_a_world(told: Told, load: Load, sound: str, subtests: pytest.Subtests) -> None:
-    for old, new, line in WITHOUT_WORLD:
-        with subtests.test(old=old, new=new):
-            text = sound.replace(old, new)
-            assert told(text) == [line]
-            assert load(text + "[world]\n").world is not None
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ('driver = "opencv"\ndevice = 0', 'driver = "simulated"', "camera.driver"),
+        ('"ball"\ndiameter = "6.4 cm"\nhsv = "29,86,6:64,255,255"', '"ideal"', "targets.ball.detector"),
+    ],
+)
+def test_what_is_simulated_needs_a_world(told: Told, load: Load, sound: str, old: str, new: str, key: str) -> None:
+    text = sound.replace(old, new)
+    (line,) = told(text)
+    assert line.startswith(f"{key}: ")
+    assert "needs a simulated world to be in, and there is no section [world] (add one; it may be empty)" in line
+    assert load(text + "[world]\n").world is not None
 
 
 def warnings(loaded: Configuration) -> list[str]:
@@ -263,47 +150,25 @@ def test_a_sensible_configuration_gets_no_warning(load: Load, sound: str) -> Non
     assert load(sound + QUIET).warnings == ()
 
 
+LAMP = '[actuators.lamp]\ndriver = "led"\npin = 5\n'
+LEASED = f'{LAMP}lease = "100 ms"\n[rules.d]\nactuator = "lamp"\nwhen = {{ seen = true }}\n'
+STOP = '[rules.d]\nactuator = "base"\npriority = 200\nwhen = { lost = true }\nlevel = 0.5\n'
 HARDLY_MEANT = [
-    (
-        QUIET + "level = 0\n",
-        "rules.b.level: level 0 holds 'buzzer' still while the alarm is active (leave it out if not meant)",
-    ),
-    (
-        QUIET + '[rules.d]\nactuator = "base"\npriority = 200\nwhen = { lost = true }\nlevel = 0.5\n',
-        "rules.d.level: a rule with when stops the base, whatever its level (leave it out)",
-    ),
-    (
-        QUIET + "[rules.d]\nwhen = { lost = true }\n",
-        (
-            "rules.d: nothing reports the alert 'd': it drives nothing, and there is no messenger "
-            "(add an actuator to it, or a section [messenger])"
-        ),
-    ),
-    (
-        QUIET + '[actuators.lamp]\ndriver = "led"\npin = 5\n',
-        "actuators.lamp: no rule drives 'lamp' (it stays in its safe state)",
-    ),
-    (
-        QUIET + '[actuators.lamp]\ndriver = "led"\npin = 5\nlease = "100 ms"\n[rules.d]\nactuator = "lamp"\n'
-        "when = { seen = true }\n",
-        (
-            "actuators.lamp.lease: the lease 0.1 s is shorter than max_frame_age 0.2 s: it "
-            "stops on frames still good "
-            "(make it longer, or safety.max_frame_age shorter)"
-        ),
-    ),
-    (
-        QUIET.replace("[rules.b]", 'lost = { policy = "assert" }\n[rules.b]'),
-        ("rules.c.lost.policy: without its target a ramp or follow rule always goes to the safe value (leave it out)"),
-    ),
+    (f"{QUIET}level = 0\n", "rules.b.level: level 0 holds 'buzzer' still while the alarm is active"),
+    (QUIET + STOP, "rules.d.level: a rule with when stops the base, whatever its level (leave it out)"),
+    (f"{QUIET}[rules.d]\nwhen = {{ lost = true }}\n", "rules.d: nothing reports the alert 'd': it drives nothing, and"),
+    (QUIET + LAMP, "actuators.lamp: no rule drives 'lamp' (it stays in its safe state)"),
+    (QUIET + LEASED, "actuators.lamp.lease: the lease 0.1 s is shorter than max_frame_age 0.2 s: it stops on frames"),
+    (QUIET.replace("[rules.b]", 'lost = { policy = "assert" }\n[rules.b]'), "rules.c.lost.policy: without its target"),
     ("", "rules: there is no rule, so nothing is ever done (add one, such as [rules.near])"),
 ]
 
 
 def test_what_is_hardly_meant_gets_a_warning(load: Load, sound: str, subtests: pytest.Subtests) -> None:
-    for text, line in HARDLY_MEANT:
-        with subtests.test(text=text, line=line):
-            assert warnings(load(sound + text)) == [line]
+    for text, words in HARDLY_MEANT:
+        with subtests.test(text=text):
+            (line,) = warnings(load(sound + text))
+            assert line.startswith(words)
 
 
 def test_an_alert_is_heard_through_a_messenger(load: Load, sound: str) -> None:
@@ -367,16 +232,15 @@ def test_a_driver_of_others_says_itself_what_checks_and_descriptions_need(
     assert "relay-pattern" in {warning.code for warning in configuration.warnings}
 
 
-BLIND = [
-    ('[tracking]\ncoast = "1 h"', "tracking.coast: 3600 s is longer than outputs may act without seeing, 1 s"),
-    (
-        '[safety]\nmax_frame_age = "2 s"',
-        "safety.max_frame_age: 2 s is longer than outputs may act without seeing, 1 s",
-    ),
-]
-
-
-def test_nothing_may_act_for_long_on_what_nobody_sees(told: Told, sound: str, subtests: pytest.Subtests) -> None:
-    for text, line in BLIND:
-        with subtests.test(text=text, line=line):
-            assert [said.partition(" (")[0] for said in told(sound + text)] == [line]
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('[tracking]\ncoast = "1 h"', "tracking.coast: 3600 s is longer than outputs may act without seeing, 1 s"),
+        (
+            '[safety]\nmax_frame_age = "2 s"',
+            "safety.max_frame_age: 2 s is longer than outputs may act without seeing, 1 s",
+        ),
+    ],
+)
+def test_nothing_may_act_for_long_on_what_nobody_sees(told: Told, sound: str, text: str, words: str) -> None:
+    assert [said.partition(" (")[0] for said in told(sound + text)] == [words]

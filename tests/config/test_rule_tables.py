@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import pytest
@@ -91,12 +90,9 @@ def test_a_safety_rule_has_no_cooldown_and_cannot_be_shelved(tmp_path: Path) -> 
     assert (found.cooldown_s, found.shelve_max_s) == (0.0, 0.0)
 
 
-def test_a_pattern_of_on_and_off_has_the_level_of_the_rule(tmp_path: Path) -> None:
+def test_a_pattern_is_one_level_on_and_off_or_steps_with_levels_of_their_own(tmp_path: Path) -> None:
     found = alarm(tmp_path, 'level = 0.6\npattern = { on = "0.2 s", off = "300 ms", times = 3 }')
     assert found.pattern == Pattern(steps=((0.6, 0.2), (0.0, 0.3)), times=3)
-
-
-def test_a_pattern_of_steps_has_levels_of_its_own(tmp_path: Path) -> None:
     found = alarm(tmp_path, 'pattern = { steps = [ { level = 1.0, for = "0.2 s" }, { level = 0.3, for = "1 s" } ] }')
     assert found.pattern == Pattern(steps=((1.0, 0.2), (0.3, 1.0)), times=0)
 
@@ -109,10 +105,7 @@ WRONG_ALARMS = [
     ('pattern = { steps = [] }', "fewer than 1"),
     ('pattern = { on = "1 s", off = "1 s", times = -1 }', "-1 is below 0"),
     ('ack = "yes"', "'yes' is not one of: required, none"),
-    ('realarm = "0 s"', "not a duration above zero"),
-    ('cooldown = "5"', "has no unit"),
     ('targets = []', "fewer than 1"),
-    ('latch = "true"', "neither true nor false"),
 ]  # fmt: skip
 
 
@@ -178,14 +171,11 @@ WRONG_STEPS = [
     ('topic = "a"\ntext = "x"\ntitle = "y"', "'title' has no meaning beside topic"),
     ('actuator = "motor"\ntext = "x"', "'text' has no meaning beside actuator"),
     ('notify = "phone"\nfor = "1 s"', "'for' has no meaning beside notify"),
-    ('notify = "phone"\njson = {}', "'json' has no meaning beside notify"),
     ('on = "cleared"\nactuator = "motor"', "needs an end"),
     ('topic = "a/#"\ntext = "x"', "is not a topic"),
-    ('topic = "/a"\ntext = "x"', "is not a topic"),
     ('topic = "door/{rule}"\ntext = "x"', "is not a topic"),
     ('topic = "rule/near/state"\ntext = "x"', "the program's own"),
     ('topic = "a"\ntext = "{distence_m}"', "did you mean 'distance_m'?"),
-    ('topic = "a"\njson = { d = ["{distence_m}"] }', "did you mean 'distance_m'?"),
     ('topic = "a"\njson = "{distance_m}"', "json is a table or a list"),
     ('topic = "a"\njson = { at = 2026-06-01 }', "put 2026-06-01 in quotes"),
     ('topic = "a"\njson = { x = nan }', "JSON knows no such number"),
@@ -263,11 +253,7 @@ WRONG_RAMPS = [
     ('points = [ { at = "1 m", level = 1 }, { at = "2 m", level = 0 } ], gamma = 2', "has no 'gamma'"),
     ('points = [ { at = "1 m", level = 1 } ]', "fewer than 2"),
     ('points = [ { at = "1 m", level = 1 }, { at = "1 m", level = 0 } ]', "not in order"),
-    (
-        'points = [ { at = "1 m", level = 1 }, { at = "3 m", level = 0 }, { at = "2 m", level = 0 } ]',
-        "not in order",
-    ),
-    ('points = [ { at = "1 m", level = 1 }, { at = "2", level = 0 } ]', "has no unit"),
+    ('points = [ { at = "1 m", level = 1 }, { at = "3 m", level = 0 }, { at = "2 m", level = 0 } ]', "not in order"),
     ('points = [ { at = "1 m", level = 1 }, { at = "2 m", level = 7 } ]', "7 is above 1"),
     ('from = "1 m", to = "2 m", dead_zone = 2', "2 is above 1"),
 ]
@@ -290,11 +276,6 @@ def test_a_table_of_points_is_described(tmp_path: Path) -> None:
         "`far` drives `motor` by the distance of `ball`: full at 1.00 m (3.3 ft), 50% at 2.00 m (6.6 ft), "
         "off at 3.00 m (9.8 ft), and not at all below 20%; off when lost."
     )
-
-
-def test_a_step_that_lasts_as_long_as_the_alarm_has_no_end(tmp_path: Path) -> None:
-    found = alarm(tmp_path, '[[rules.near.escalation]]\nactuator = "motor"')
-    assert math.isinf(found.escalation[0].for_s)
 
 
 def test_what_an_alarm_does_besides_is_described(tmp_path: Path) -> None:

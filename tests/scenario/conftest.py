@@ -79,11 +79,6 @@ class Scenario(Struct):
         self.loop.run(Limits(seconds=seconds))
         return self
 
-    def run_unrecorded(self, seconds: float) -> Scenario:
-        """Run without keeping every cycle, for long runs."""
-        self.loop.run(Limits(seconds=seconds))
-        return self
-
     def _listen(self, record: CycleRecord, _frame: object) -> None:
         self.records.append(record)
         while self.script and self.script[0][0] <= record.observation.now_s:

@@ -90,20 +90,6 @@ def test_a_target_that_has_left_is_looked_for_within_the_travel_of_the_servo(sce
     assert headings_deg[-200:] == pytest.approx([headings_deg[-1]] * 200, abs=0.01)
 
 
-@pytest.mark.long
-def test_it_comes_back_from_the_end_of_its_travel_with_its_target(scenario: Callable[..., Any]) -> None:
-    beyond = (
-        '[world]\nloop = false\npath = [{ at = "0 s", x = "2 m", y = "0 m" }, { at = "6 s", x = "-0.2 m", y = "2 m" }, '
-        '{ at = "10 s", x = "-0.2 m", y = "2 m" }, { at = "16 s", x = "2 m", y = "0 m" }]\n'
-    )
-    run = scenario(text=with_world(beyond))
-    headings_deg: list[float] = []
-    run.loop.parts.clock.call_every(0.02, lambda _now_s: headings_deg.append(heading_deg(run)))
-    run.run(18.0)
-    assert max(headings_deg) == pytest.approx(80.0, abs=1.0)
-    assert abs(headings_deg[-1]) < 4.0
-
-
 def test_a_rule_that_would_drive_it_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "camera.toml"
     path.write_text(with_world(guide=SIMULATED.replace('max_speed = "0 m/s"', 'max_speed = "0.1 m/s"')))

@@ -12,9 +12,6 @@ from typing import Any
 
 import pytest
 
-from stadimeter.app.exact_json import decode, encode
-from stadimeter.core.command import Command, TwistCommand
-from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import EventKind, SafetyMode
 from support.simulated_run import LENS
 
@@ -113,14 +110,6 @@ def test_it_turns_after_a_target_high_above_it_as_far_as_that_goes_round(scenari
     assert max(map(abs, elevations_deg[150:])) < 4.0
 
 
-def test_it_stands_at_the_end_of_its_travel_and_says_so(scenario: Callable[..., Any]) -> None:
-    run = scenario(text=with_world(RISES))
-    tilts_deg = watched(run, tilt_deg)
-    run.run(8.0)
-    assert max(tilts_deg) == pytest.approx(TRAVEL_DEG, abs=0.5)
-    assert {command.tilt_radps for record in run.records[-60:] for command in record.applied} == {0.0}
-
-
 @pytest.mark.parametrize("fault", ["camera_blocked", "camera_frozen", "target_hidden"])
 def test_the_tilt_stands_within_half_a_second_after_something_went_wrong(
     scenario: Callable[..., Any], fault: str
@@ -147,21 +136,6 @@ def test_while_it_searches_it_stays_tilted_as_it_was(scenario: Callable[..., Any
     assert "search_begun" in events
     assert seen[0] > 20.0
     assert seen[1] == pytest.approx(seen[0], abs=0.01)
-
-
-def test_a_journal_gives_its_commands_back_and_one_without_tilts_is_read(scenario: Callable[..., Any]) -> None:
-    run = scenario(text=with_world()).run(4.0)
-    state = initial_state(run.loop.parts.configuration.plan)
-    for record in run.records:
-        observation = decode(encode(record.observation), type(record.observation))
-        state, decision = decide(state, observation)
-        assert decision.commands == record.decision.commands
-    tilted = next(command for record in run.records for command in record.applied if command.tilt_radps)
-    assert decode(encode(tilted), Command) == tilted
-    before = '{"type":"TwistCommand","output":"base","linear_mps":0.0,"angular_radps":0.5,"captured_at_s":1.0}'
-    read = decode(before, Command)
-    assert isinstance(read, TwistCommand)
-    assert read.tilt_radps == 0.0
 
 
 # Liveness by motion

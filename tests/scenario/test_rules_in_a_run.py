@@ -4,10 +4,6 @@ import json
 
 import pytest
 
-from stadimeter.app.recordings.journal import JournalWriter, read_journal
-from stadimeter.app.recordings.recorded_configuration import to_be_recorded
-from stadimeter.app.recordings.recorder import Recorder
-from support.replaying import replay
 from support.simulated_run import SIMULATED_BALL
 
 STANDING = (
@@ -95,22 +91,6 @@ def test_a_broker_that_is_away_does_not_change_a_single_decision(standing):
 
 
 @pytest.mark.long
-def test_a_run_replayed_from_its_journal_gives_identical_decisions(standing, tmp_path):
-    run = standing('faults = [{ at = "7 s", for = "1 s", kind = "freeze-camera" }]\n')
-    journal = Recorder(
-        JournalWriter(tmp_path / "run.jsonl", to_be_recorded(run.loop.parts.configuration)),
-        is_live=False,
-    )
-    run.loop.listeners.append(journal)
-    run.run(16)
-    journal.close()
-    result = replay(read_journal(tmp_path / "run.jsonl"), run.loop.parts.configuration.plan)
-    assert result.cycles == len(run.records) > 450
-    assert result.identical == result.cycles
-    assert result.events == [event for record in run.records for event in record.decision.events]
-
-
-@pytest.mark.long
 def test_two_runs_are_the_same(standing):
     first, second = standing().run(10), standing().run(10)
     assert [(r.observation, r.decision, r.applied) for r in first.records] == [
@@ -125,10 +105,3 @@ def test_every_command_that_moves_something_names_a_fresh_frame(standing):
             if command.level:
                 assert record.observation.now_s - command.captured_at_s <= 0.2 + 1e-6
     assert set(levels(run, "motor", 4.3, 5.0)) == {0.0}
-
-
-@pytest.mark.long
-def test_an_hour_of_simulated_time_needs_no_hour(standing):
-    run = standing().run_unrecorded(3600)
-    assert run.loop.history.frames == pytest.approx(3600 * 30, rel=0.01)
-    assert run.loop.history.track_statuses["ball"]["tracking"] > 0.99 * run.loop.history.frames

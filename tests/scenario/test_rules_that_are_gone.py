@@ -99,29 +99,6 @@ def test_a_rule_that_is_renamed_between_two_runs_leaves_nothing_at_the_broker(si
 
 
 @pytest.mark.long
-def test_a_rule_that_is_renamed_while_the_program_runs_leaves_nothing_either(site):
-    site.write("near")
-    with site.running() as process:
-        eventually(lambda: site.is_active("near"))
-        eventually(lambda: site.listener.payloads(f"{BASE}/near/door"))
-        site.write("nearer")
-        process.send_signal(signal.SIGHUP)
-        eventually(lambda: site.heard("near", "state")[-1] == "")
-        eventually(lambda: site.listener.payloads(f"{BASE}/near/door")[-1] == "")
-        eventually(lambda: site.is_active("nearer"))
-
-
-@pytest.mark.long
-def test_a_rule_that_never_saw_its_target_is_unknown_and_unavailable_at_the_broker(site):
-    site.write("near", path='{ at = "0 s", x = "-5 m", y = "0 m" }')  # behind the camera
-    with site.running():
-        eventually(lambda: site.heard("near", "state"))
-        state = json.loads(site.heard("near", "state")[-1])
-        assert (state["active"], state["status"]) == (None, "unknown")
-        assert set(site.heard("near", "availability")) == {"offline"}
-
-
-@pytest.mark.long
 def test_a_state_of_an_earlier_run_is_not_shown_as_known_while_the_next_one_opens_its_camera(site):
     site.write("near")
     run_until_raised(site, signal.SIGKILL)

@@ -22,9 +22,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import Reading
-from stadimeter.detectors.protocol import Exercise
 from stadimeter.workbench.annotation import GREEN
-from stadimeter.workbench.bench import measure as measure_this_computer
 
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
 SIDE_M, DEPTH_M = 0.4, 1.6
@@ -68,10 +66,6 @@ class TriangleOptions(DriverOptions):
 
     def build(self, context: DriverContext) -> TriangleDetector:
         return TriangleDetector(self, context.name)
-
-    @staticmethod
-    def exercise() -> Exercise:
-        return Exercise(options={"side": "40 cm"}, patch=drawn(2.0)[100:300, 230:410])
 
 
 class TriangleDetector:
@@ -196,24 +190,7 @@ def test_a_rule_watches_it_in_a_run(folder: Path) -> None:
 
 
 def test_check_knows_from_how_far_it_can_be_found(folder: Path) -> None:
-    (folder / "near.toml").write_text(CONFIGURATION.format(below="1.2 m"), encoding="utf-8")
-    (folder / "far.toml").write_text(CONFIGURATION.format(below="60 m"), encoding="utf-8")
-    near, far = (json.loads(invoked("check", folder / name, "--json").stdout) for name in ("near.toml", "far.toml"))
-    said_of_near, said_of_far = ([each.get("code") for each in said.get("warnings", ())] for said in (near, far))
-    assert "unresolvable" not in said_of_near
-    assert "unresolvable" in said_of_far
-
-
-def test_an_unknown_key_of_it_is_named_with_the_likely_one(folder: Path) -> None:
-    picture = folder / "pictures" / "1.png"
-    result = invoked("measure", picture, "--camera", folder / "camera.toml", "--target", "triangle sides=40cm")
-    assert result.exit_code == 2
-    assert "--target" in result.stderr
-    assert "'sides'" in result.stderr
-    assert "did you mean 'side'" in result.stderr
-
-
-@pytest.mark.long
-def test_its_speed_is_measured_on_its_own_exercise() -> None:
-    speeds = {speed.detector: speed for speed in measure_this_computer(0.3, sizes_px=((640, 480),)).detectors}
-    assert speeds["triangle"].found == 1.0
+    for below, is_resolvable in (("1.2 m", True), ("60 m", False)):
+        (folder / "run.toml").write_text(CONFIGURATION.format(below=below), encoding="utf-8")
+        said = json.loads(invoked("check", folder / "run.toml", "--json").stdout)
+        assert ("unresolvable" not in [each.get("code") for each in said.get("warnings", ())]) is is_resolvable
