@@ -82,8 +82,10 @@ def end_without_space(error: OSError) -> NoReturn:
     if error.errno not in NO_SPACE:
         raise error
     _give_output_up()
-    with suppress(OSError):  # standard error may go to the same disk
+    try:
         typer.echo(f"error: {error.filename or 'what is printed'} cannot be written: {reason_of(error)}", err=True)
+    except OSError:  # standard error goes to the same disk
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115, PTH123 - until the end
     sys.exit(WRONG)
 
 
