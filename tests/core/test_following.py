@@ -269,6 +269,15 @@ def test_it_turns_in_steps_to_the_side_where_its_target_left(side):
     assert {linear for linear, _ in floor.told[begun + 10 : begun + 40]} == {0.0}, "it turns in place only"
 
 
+def test_it_looks_first_where_its_target_was_going():
+    floor = Floor(ball=(1.5, 0.3)).run(1)
+    floor.run(0.4, move=lambda t: (1.5, 0.3 - 1.0 * (t - 1.0)))
+    floor.is_hidden = True
+    begun = len(floor.told)
+    floor.run(3)
+    assert next(rate for _, rate in floor.told[begun + 15 :] if rate) < 0, "it was on its way to the right"
+
+
 def test_between_two_steps_it_looks():
     floor = Floor(ball=(1.0, 0.3)).run(0.6)
     floor.ball = (-1.0, -0.1)

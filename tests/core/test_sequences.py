@@ -89,6 +89,17 @@ def test_a_message_is_sent_once_when_it_is_due():
     assert sent(run) == [("near", 0)]
 
 
+def test_a_message_that_comes_late_tells_the_figures_of_its_moment_and_none_out_of_sight():
+    seen, gone = rehearse(replace(NEAR, escalation=(CALL,))), rehearse(replace(NEAR, escalation=(CALL,)))
+    seen.see(*FAR, 0.5, 0.5, *[0.7] * 12)
+    gone.see(*FAR, 0.5, 0.5, *[None] * 12)
+    (now,), (unknown,) = (
+        [notice.event for _, each in run.decisions for notice in each.notices] for run in (seen, gone)
+    )
+    assert now.distance_m == pytest.approx(0.7, abs=0.02)
+    assert (unknown.distance_m, unknown.sigma_m) == (None, None)
+
+
 def test_what_is_not_due_when_the_alarm_clears_is_not_sent():
     run = rehearse(replace(NEAR, escalation=(CALL,)))
     run.see(*FAR, *CLOSE, *FAR, *[3.0] * 20)

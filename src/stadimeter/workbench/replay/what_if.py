@@ -33,7 +33,7 @@ from stadimeter.workbench.replay.replay import AnyRecording, decisions, first_st
 from stadimeter.workbench.replay.replay_figures import Tally
 
 # The cycles that are kept of all recordings together, times the targets: 20 minutes of one target at 30 a second. One
-# takes 2.5 kB, as measured by ``tests/benchmarks/what_if.py``, so all take 90 MB; a Pi Zero 2 W has 512 MB.
+# takes 2.5 kB, as was measured once, so all take 90 MB; a Pi Zero 2 W has 512 MB.
 KEPT_CYCLES_MAX = 36_000
 
 
