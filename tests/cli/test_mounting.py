@@ -124,7 +124,6 @@ def test_a_run_without_a_live_camera_watches_nothing(site) -> None:
     assert loop.parts.cycle.mounting_watch is None
 
 
-@pytest.mark.long
 def test_the_thread_of_a_run_judges_its_pictures(site) -> None:
     """The whole way with the real thread: pictures of a run, a check, a mark in the observation."""
     typed("mounting", "save", site)

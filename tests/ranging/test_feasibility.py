@@ -14,6 +14,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection
 from stadimeter.core.target import TargetShape
 from stadimeter.ranging.ball import BallShape
+from stadimeter.ranging.circles import CirclesShape
 from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.similar_triangles import expect, farthest_m
 
@@ -27,6 +28,11 @@ def test_a_tennis_ball_at_ten_metres_is_four_pixels_wide() -> None:
     assert expected.size_px == pytest.approx(4.02, abs=0.01)
     assert expected.sigma_m == pytest.approx(10 * (0.85 / 2.01) / 4.02, rel=0.02)
     assert not expected.is_reliable
+
+
+def test_three_circles_are_as_large_as_one_of_them() -> None:
+    mark = CirclesShape(diameter_m=0.05, spacing_m=0.1)
+    assert expect(mark, CAMERA, 3.0).size_px == pytest.approx(10.0, rel=1e-3), "each disc must be found"
 
 
 def test_a_sheet_is_as_small_as_its_shorter_side() -> None:
