@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gc
 import os
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from stadimeter.testing.rig import ManualClock
 
 
 def open_files() -> set[Path]:
+    gc.collect()  # what other tests left is closed now, and not in between
     return set(Path("/proc/self/fd").iterdir())
 
 

@@ -61,6 +61,7 @@ class EmulatedPort:
     ) -> None:
         # Fault if False: nothing is read at the board's end, so that the port fills up and takes no more bytes.
         self.is_read = True
+        self.is_full = False  # fault: so it is at once, and whatever room comes is filled
         self.is_heard = True  # fault if False: what the board answers is lost on the way
         self.spoil: Callable[[bytes], bytes] = bytes  # fault: what the board gets instead of what was sent
         self._firmware = firmware
@@ -83,7 +84,9 @@ class EmulatedPort:
         with self._lock:
             self._firmware.step(now_s)
             self._follow_the_cable()
-            if self._cable and self.is_read:
+            if self._cable and self.is_full:
+                self._cable.fill()
+            elif self._cable and self.is_read:
                 answer = self._firmware.receive(self.spoil(self._cable.read()), now_s)
                 if answer and self.is_heard:
                     self._cable.write(answer)
@@ -127,6 +130,7 @@ class _Cable:
         self._board_fd, self._host_fd = pty.openpty()
         tty.setraw(self._host_fd)
         os.set_blocking(self._board_fd, False)
+        os.set_blocking(self._host_fd, False)
         self.host_path = os.ttyname(self._host_fd)
 
     def read(self) -> bytes:
@@ -135,6 +139,12 @@ class _Cable:
             return os.read(self._board_fd, _MAX_BYTES_PER_READ)
         except BlockingIOError:
             return b""
+
+    def fill(self) -> None:
+        """Fill the way from the host to the board with empty lines, which firmware passes over."""
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                os.write(self._host_fd, b"\n" * 64)
 
     def write(self, data: bytes) -> None:
         """Send what fits. As on a wire, what a host does not read in time is lost."""

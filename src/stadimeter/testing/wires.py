@@ -118,8 +118,12 @@ def is_locked(path: str) -> bool:
 
 
 def clog(port: EmulatedPort, *, begins: bool) -> None:
-    """Begin or end the fault that a port takes no more bytes: nothing is read at the board's end, and it is full."""
-    port.is_read = not begins
+    """Begin or end the fault that a port takes no more bytes: nothing is read at the board's end, and it is full.
+
+    A kernel moves bytes from the buffer that is written into the one that is read by a worker of its own, and then has
+    room once more: on a busy machine that may be late, so the port is filled again at each service, too.
+    """
+    port.is_full = begins
     if not begins:
         return
     descriptor = os.open(port.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
