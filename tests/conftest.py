@@ -32,6 +32,10 @@ os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path(__file__).pare
 # Progress is shown of what takes longer than half a second: on a busy machine, of anything. Its own tests turn it on.
 os.environ["STADIMETER_PROGRESS"] = "off"
 
+# Nor does what the terminal of whoever starts the tests is like change what programs show, or how soon.
+for _name in ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR", "PYTHONUNBUFFERED"):
+    os.environ.pop(_name, None)
+
 # Programs that tests start inherit what becomes of a hangup, of Ctrl-C and the like; `nohup make test &` must not
 # change what they see.
 for _number in (signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU):
