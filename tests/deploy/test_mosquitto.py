@@ -104,6 +104,8 @@ class Client:
     def close(self) -> None:
         self._client.disconnect()
         self._client.loop_stop()
+        # Else it would be freed with the listeners in one circle, and its sockets perhaps before it has closed them.
+        self._client.on_connect = self._client.on_subscribe = self._client.on_message = None
 
 
 Connect = Callable[..., Client]
