@@ -60,6 +60,8 @@ class MqttAsker:
         """Disconnect."""
         self.client.disconnect()
         self.client.loop_stop()
+        # Else it would be freed with this asker in one circle, and its sockets perhaps before it has closed them.
+        self.client.on_connect = self.client.on_subscribe = self.client.on_message = None
 
     def send(self, action: str, payload: bytes | str, *, retain: bool = False, **properties: Any) -> Any:
         """Send whatever it is to the topic of an action."""
