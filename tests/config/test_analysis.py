@@ -107,12 +107,6 @@ def test_a_rule_that_is_only_tried_out_is_nobodys_rival(load: Load, sound: str) 
     assert {warning.code for warning in load(sound + rules).warnings} == {"output-unused"}
 
 
-def test_a_rule_of_a_family_that_asks_for_its_own_family_asks_for_itself(problems_of: Problems, sound: str) -> None:
-    rules = '[rules.near]\ntargets = ["ball"]\nwhen = { below = "1 m" }\nsuppress_when = { rule = "near:ball" }\n'
-    (problem,) = problems_of(sound + rules)
-    assert (problem.code, problem.message) == ("reference-cycle", "the rule 'near' suppresses itself")
-
-
 def test_a_condition_nested_five_hundred_deep_is_one_clear_error(problems_of: Problems, sound: str) -> None:
     when = "{ not = " * 500 + '{ below = "1 m" }' + " }" * 500
     codes = {problem.code for problem in problems_of(f"{sound}[rules.deep]\nwhen = {when}\n")}

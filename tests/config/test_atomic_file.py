@@ -29,11 +29,6 @@ except OSError as error:
 """
 
 
-def test_a_file_is_written(tmp_path: Path) -> None:
-    write_atomically(tmp_path / "a", b"new")
-    assert (tmp_path / "a").read_bytes() == b"new"
-
-
 def test_a_file_is_replaced_and_keeps_no_rubbish_beside_it(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"old and longer")
     write_atomically(tmp_path / "a", b"new")
@@ -74,13 +69,6 @@ def test_only_a_file_is_replaced_and_anything_else_is_left_alone(
     assert place.stat().st_mode == before
     assert name.is_symlink() == by_link
     assert not (tmp_path / "other").exists()
-
-
-def test_a_folder_in_the_way_is_an_error(tmp_path: Path) -> None:
-    (tmp_path / "a").mkdir()
-    with pytest.raises(OSError, match="directory"):
-        write_atomically(tmp_path / "a", b"new")
-    assert [each.name for each in tmp_path.iterdir()] == ["a"]
 
 
 def test_what_a_cut_left_behind_is_used_up_by_the_next_save(tmp_path: Path) -> None:

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
-from stadimeter.cli.main import app
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.config.rules.condition_tables import WhenTable
-from stadimeter.config.rules.tables import RuleTable
 from stadimeter.core.conditions.compounds import AnyOf
 from stadimeter.core.conditions.discrete import RuleCondition
 from stadimeter.core.rule import AlarmRule
@@ -52,39 +46,6 @@ def test_a_late_rule_is_found_wherever_its_target_is_named(rule: str, tmp_path: 
     (late,) = (each for each in configuration.warnings if each.code == "late")
     assert late.key == "rules.near.on_delay"
     assert late.message.startswith("at 5 m/s this rule is 6.2 m late")
-
-
-def test_check_compiles_each_rule_and_each_condition_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    compiled: Counter[str] = Counter()
-
-    def count(kind: type[Any], method: str) -> None:
-        original = getattr(kind, method)
-
-        def counted(table: Any, *arguments: Any) -> Any:
-            compiled[f"{kind.__name__}.{method}"] += 1
-            return original(table, *arguments)
-
-        monkeypatch.setattr(kind, method, counted)
-
-    count(WhenTable, "to_plan")
-    count(RuleTable, "to_plans")
-    file = tmp_path / "two.toml"
-    file.write_text(
-        TWO_TARGETS
-        + '[rules.near]\nwhen = { below = "1 m", target = "code" }\n'
-        + '[rules.far]\ntargets = ["ball", "code"]\nwhen = { above = "4 m" }\nsuppress_when = { rule = "near" }\n'
-        + '[[tests]]\ninput = { target = "code", hover = { at = "50 cm", for = "9 s" } }\n'
-        + 'expect.near = { raised_within = "1 s" }\n',
-        encoding="utf-8",
-    )
-    assert CliRunner().invoke(app, ["check", str(file)]).exit_code == 0
-    assert compiled == {"WhenTable.to_plan": 3, "RuleTable.to_plans": 2}
-
-
-def test_the_rules_of_the_plan_are_those_that_were_looked_at(tmp_path: Path) -> None:
-    configuration = loaded('[rules.near]\ntargets = ["ball", "code"]\nwhen = { below = "1 m" }\n', tmp_path)
-    assert [each.section for each in configuration.rules] == ["near", "near"]
-    assert all(each.rule is rule for each, rule in zip(configuration.rules, configuration.plan.rules, strict=True))
 
 
 def test_a_rule_that_asks_for_several_is_looked_at_with_what_it_stands_for(tmp_path: Path) -> None:

@@ -41,14 +41,6 @@ def test_a_relay_that_clicks_seldom_is_fine(tmp_path: Path, pattern: str) -> Non
     assert warned(tmp_path, text) == []
 
 
-def test_a_notifier_that_no_rule_notifies_is_warned_of(tmp_path: Path) -> None:
-    text = (
-        '[notifiers.phone]\ndriver = "simulated"\n[notifiers.mail]\ndriver = "simulated"\n'
-        '[rules.near]\nactuator = "siren"\nwhen = { below = "1 m" }\n[[rules.near.escalation]]\nnotify = "phone"\n'
-    )
-    assert warned(tmp_path, text) == [("output-unused", "notifiers.mail", "no rule notifies 'mail'")]
-
-
 CAMERA = """
 [camera]
 driver = "opencv"

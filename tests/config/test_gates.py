@@ -61,31 +61,15 @@ def test_without_one_a_rule_always_acts_and_can_be_shelved(load):
     assert (beep.gate.condition, beep.gate.shelve_max_s) == (ALWAYS, 8 * 3600.0)
 
 
-def test_the_target_of_a_gate_is_not_taken_for_that_of_the_rule(load):
-    with pytest.raises(ConfigError, match="which of the targets ball, tag does the rule 'other' watch"):
-        load(f"[rules.other]\nactuator = 'motor'\n{RAMP}when = {{ target = 'tag', seen = true }}\n")
-
-
 @pytest.mark.parametrize(
     ("rules", "said"),
     [
-        (
-            'follow = { distance = "1 m" }\n',
-            "the rule 'beep' has ramp and follow; a rule has one of ramp, follow, every and at, or when alone",
-        ),
         ("when = { seen = true }\nlatch = true\n", "'latch' has no meaning beside ramp"),
         ('severity = "safety"\nsuppress_when = { lost = true }\n', "a safety rule cannot be suppressed"),
-        ("when = { }\n", "the condition is empty"),
         ('shelve_max = "5 s"\n', "'beep' may be shelved for 5 s at most (shelve_max)"),
-        ('when = { rule = "bep" }\n', "there is no rule 'bep'"),
-        ('when = { rule = "beep" }\n', "the rule 'beep' asks whether it is active itself"),
         (
             f"{NEAR}escalation = [{{ topic = 'a', text = 'x', when = {{ rule = 'naer' }} }}]\n",
             "rules.near.escalation.0.when.rule: there is no rule 'naer'",
-        ),
-        (
-            f"{NEAR}escalation = [{{ topic = 'a', text = 'x', when = {{ above = '2 m', below = '1 m' }} }}]\n",
-            "rules.near.escalation.0.when",
         ),
     ],
 )

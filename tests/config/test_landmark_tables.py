@@ -54,10 +54,6 @@ def test_how_well_tags_were_placed_and_printed_is_read(load):
     assert landmarks.facing_sigma_rad == pytest.approx(math.radians(1))
 
 
-def test_without_the_section_there_are_none(load):
-    assert load("").landmarks is None
-
-
 def test_a_change_of_a_place_asks_for_a_restart(load):
     assert needs_restart(load(GARDEN), load(GARDEN.replace('"0.5 m"', '"0.6 m"'))) == ("[landmarks]",)
 
@@ -94,7 +90,3 @@ def test_what_is_wrong_is_said_with_its_line(load, old, new, targets, line, says
 def test_both_sides_of_a_board_may_bear_a_tag(load):
     back = GARDEN.replace('["6 m", "-1.5 m", "0 m"]', '["2.01 m", "0 m", "0.5 m"]').replace('tilt = "90 deg"\n', "")
     assert len(load(back.replace('facing = "180 deg"', 'facing = "-90 deg"')).landmarks.tags) == 2
-
-
-def test_a_target_may_be_one_of_the_tags(load):
-    assert load(GARDEN, TARGET.replace("8 cm", "10 cm")).landmarks is not None

@@ -5,12 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from jsonschema import Draft202012Validator
 
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.named_sizes import BALLS, PAPER, paper_sides, parse_ball_diameter
 from stadimeter.config.plugins import DETECTORS, load_driver
-from stadimeter.config.schema import configuration_schema
 from stadimeter.config.units import parse_length
 from stadimeter.errors import ConfigError
 from support.each_case import each_case
@@ -65,15 +63,6 @@ def test_a_wrong_size_is_one_error_that_says_what_to_write(tmp_path: Path, size:
         load_configuration(configured(tmp_path, size))
     (problem,) = caught.value.problems
     assert said in problem.message
-
-
-@pytest.mark.long
-def test_editors_are_told_that_a_name_stands_for_both_sides() -> None:
-    validator = Draft202012Validator(configuration_schema())
-    camera = {"driver": "opencv", "device": 0}
-    for table, is_right in (({"size": "A4"}, True), ({"width": "3 cm", "height": "2 cm"}, True), ({}, False)):
-        whole = {"camera": camera, "targets": {"paper": {"detector": "sheet", **table}}}
-        assert validator.is_valid(whole) == is_right, table
 
 
 @pytest.mark.parametrize(

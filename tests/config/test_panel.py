@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.control.reloading import needs_restart
 from stadimeter.app.service import write_safe_outputs
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
@@ -92,10 +91,6 @@ def test_a_button_that_cannot_mean_what_it_says_is_refused(
     assert problems(tmp_path, button(*keys)) == found
 
 
-def test_a_button_may_shelve_all_beside_an_alarm_that_can_never_be(tmp_path: Path) -> None:
-    assert load(tmp_path, button('press = "shelve"', 'shelve_for = "1 h"')).buttons[0].name == "front"
-
-
 def test_a_pin_is_used_once_by_whatever_is_on_it(tmp_path: Path) -> None:
     assert problems(tmp_path, LED, button(pin=17)) == [("used-twice", "buttons.front.pin")]
 
@@ -115,9 +110,3 @@ def test_the_light_is_switched_off_when_the_program_is_gone_and_no_button_is_dri
     lines = tmp_path / "safe-outputs.conf"
     assert write_safe_outputs(load(tmp_path, LED, button()), lines) == []
     assert lines.read_text() == "pin 17 low\n"
-
-
-def test_the_panel_is_changed_by_a_restart_only(tmp_path: Path) -> None:
-    running = load(tmp_path, LED, button())
-    assert needs_restart(running, load(tmp_path, LED, button())) == ()
-    assert needs_restart(running, load(tmp_path, button('press = "reset"'))) == ("[status_led]", "[buttons]")

@@ -72,25 +72,15 @@ WRONG = [
     ({"number": float("nan")}, "zoo.number: nan is not a finite number"),
     ({"whole": 2.5}, "zoo.whole: 2.5 is not a whole number"),
     ({"flag": 7}, "zoo.flag: 7 is neither true nor false"),
-    ({"text": 5}, "zoo.text: 5 is not text; put it in quotes"),
     ({"share": 1.5}, "zoo.share: 1.5 is above 1"),
-    ({"share": -0.5}, "zoo.share: -0.5 is below 0"),
     ({"wait": "2 min"}, "zoo.wait: '2 min' is above 60 s"),
-    ({"wait": 5}, "zoo.wait: 5 has no unit; write it with one, such as '250 ms'"),
-    ({"pin": 40}, "zoo.pin: 40 is not a pin; write the BCM number of a GPIO, 0 to 27"),
     ({"colour": "gren"}, "zoo.colour: 'gren' is not one of: red, green (did you mean 'green'?)"),
     ({"mode": "atuo"}, "zoo.mode: 'atuo' is not one of: auto, on (did you mean 'auto'?)"),
-    ({"mode": 5}, "zoo.mode: 5 is not one of: auto, on"),
     ({"device": [1]}, "zoo.device: [1] is not a whole number and not text; put it in quotes"),
     ({"inner": 5}, "zoo.inner: 5 is not a table; write it as { … }"),
-    ({"inner": {}}, "zoo.inner.size: 'size' is missing"),
     ({"inner": {"size": "1 m", "cuont": 2}}, "zoo.inner.cuont: unknown key 'cuont' (did you mean 'count'?)"),
-    ({"inner": {"size": "1 m", "count": 9}}, "zoo.inner.count: 9 is above 5"),
-    ({"many": 5}, "zoo.many: 5 is not a list; write it as [ … ]"),
     ({"many": [{"size": "1 m"}, {"size": "0 m"}]}, "zoo.many.1.size: '0 m' is not a length above zero"),
-    ({"many": [{"size": "1 m", "siez": 1}]}, "zoo.many.0.siez: unknown key 'siez' (did you mean 'size'?)"),
     ({"pair": ["1 m"]}, "zoo.pair: ['1 m'] is a list of fewer than 2 entries"),
-    ({"pair": ["1 m", "2 m", "3 m"]}, "zoo.pair: ['1 m', '2 m', '3 m'] is a list of more than 2 entries"),
     ({"code": "mjpg"}, "zoo.code: 'mjpg' is not of the form ^[A-Z]{4}$"),
     ({"name": "Archibald"}, "zoo.name: 'Archibald' is longer than five letters"),
     ({"flag": True, "whole": 13}, "zoo: flag and thirteen do not go together"),
@@ -112,12 +102,6 @@ def test_an_unknown_key_like_no_other_is_answered_with_all_that_are_known() -> N
 
 def test_every_error_of_a_table_is_reported() -> None:
     assert len(told({"number": "x", "whole": "y", "inner": {"count": 0}, "zzz": 1})) == 5
-
-
-def test_known_keys_are_written_as_in_the_file() -> None:
-    assert known_keys(Zoo, ("inner",)) == ["size", "count"]
-    assert known_keys(Zoo, ("many", 3)) == ["size", "count"]
-    assert known_keys(Zoo, ("number", "deeper")) == []
 
 
 def test_a_long_value_is_shortened() -> None:

@@ -82,9 +82,3 @@ def test_pins_of_a_base_that_is_not_chosen_are_free(tmp_path: Path) -> None:
 def test_a_table_of_no_driver_is_an_unknown_key(tmp_path: Path) -> None:
     text = FOLLOW_BALL.replace("[base.pca9685]", "[base.pca9865]")
     assert ("base.pca9865", line_of(text, "[base.pca9865]")) in refused(tmp_path, text)
-
-
-def test_a_chosen_driver_without_a_table_takes_its_keys_from_the_section(tmp_path: Path) -> None:
-    base = load(tmp_path, FOLLOW_BALL.replace(CHOSEN, 'driver = "simulated"') + "[world]\n").base
-    assert base is not None
-    assert base.driver == "simulated"

@@ -6,13 +6,12 @@ import math
 import tomllib
 
 import pytest
-from pydantic import ValidationError
+from msgspec.structs import replace
 
 from stadimeter.config import models
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.core import plan
 from stadimeter.core import rule as core
-from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Severity
 from support.conditions import closing
@@ -31,20 +30,12 @@ def alarm(text: str) -> core.AlarmRule:
     return found
 
 
-def test_vibrating_beyond_ten_feet_is_two_lines() -> None:
+def test_the_two_uses_that_people_ask_for_most_are_two_lines_each() -> None:
     assert rule('actuator = "motor"\nramp = { from = "10 ft", to = "20 ft" }') == core.RampRule(
         name="it", target="ball", output="motor", start=pytest.approx(3.048), full=pytest.approx(6.096)
     )
-
-
-def test_buzzing_below_half_a_metre_is_two_lines() -> None:
-    assert rule('actuator = "buzzer"\nwhen = { below = "50 cm" }') == core.AlarmRule(
-        name="it",
-        target="ball",
-        output="buzzer",
-        condition=DistanceCondition(below_m=0.5),
-        on_delay=core.OnDelay(),
-    )
+    near = core.AlarmRule(name="it", target="ball", output="buzzer", condition=DistanceCondition(below_m=0.5))
+    assert rule('actuator = "buzzer"\nwhen = { below = "50 cm" }') == replace(near, on_delay=core.OnDelay())
 
 
 @each_case(
@@ -53,12 +44,9 @@ def test_buzzing_below_half_a_metre_is_two_lines() -> None:
         ('{ below = "1 m" }', False),
         ('{ below = "1 m", probability = "none" }', True),
         ('{ closing_speed = { above = "1 m/s" } }', False),
-        ('{ time_to_contact = { below = "2 s" } }', False),
-        ('{ separation = { of = ["ball", "cup"], below = "1 m" } }', False),
         ('{ bearing = { above = "20 deg" } }', True),
         ("{ seen = true }", True),
         ("{ count = { at_least = 2 } }", True),
-        ('{ rule = "other" }', False),
         ('{ all = [ { below = "1 m" }, { time = { between = ["22:00", "06:00"] } } ] }', False),
         ('{ any = [ { below = "1 m" }, { not = { seen = true } } ] }', True),
     ],
@@ -68,12 +56,6 @@ def test_only_what_is_judged_without_a_probability_must_hold_in_three_of_five_fr
 ) -> None:
     expected = core.OnDelay(frames=3, of_frames=5) if is_waiting else core.OnDelay()
     assert alarm(f"when = {when}").on_delay == expected
-
-
-def test_following_takes_everything_else_from_the_plan() -> None:
-    assert rule('actuator = "base"\nfollow = { distance = "1 m" }') == core.FollowRule(
-        name="it", target="ball", output="base", distance_m=1.0
-    )
 
 
 def test_a_safety_rule_acts_at_even_odds_and_at_once() -> None:
@@ -94,28 +76,6 @@ def test_what_a_safety_rule_says_itself_counts() -> None:
     found = alarm('severity = "safety"\non_delay = "1 s"\nwhen = { below = "1 m", probability = 0.8 }')
     assert found.on_delay == core.OnDelay(hold_s=1.0)
     assert found.condition == DistanceCondition(below_m=1.0, probability_on=0.8, target="ball")
-
-
-def test_every_key_of_a_condition_reaches_the_core() -> None:
-    found = alarm(
-        'when = { between = ["1 m", "2 m"], of = "depth", deadband = "5 cm", deadband_sigmas = 2, '
-        'probability = "none", probability_off = 0.4 }'
-    )
-    assert found.condition == DistanceCondition(
-        above_m=1.0,
-        below_m=2.0,
-        quantity="depth",
-        deadband_m=0.05,
-        deadband_sigmas=2.0,
-        probability_on=None,
-        probability_off=0.4,
-        target="ball",
-    )
-
-
-@pytest.mark.parametrize(("key", "is_seen"), [("seen", True), ("lost", False)])
-def test_presence_is_a_condition_of_its_own(key: str, is_seen: bool) -> None:
-    assert alarm(f"when = {{ {key} = true }}").condition == PresenceCondition(seen=is_seen, target="ball")
 
 
 def test_every_key_of_an_alarm_reaches_the_core() -> None:
@@ -151,11 +111,6 @@ def test_every_key_of_an_alarm_reaches_the_core() -> None:
 def test_a_delay_forgives_what_its_tolerance_says(written: str, expected: core.DelayTolerance) -> None:
     found = alarm(f'when = {{ below = "1 m" }}\non_delay = "10 s"\noff_delay = "5 s"\n{written}')
     assert found.delay_tolerance == expected
-
-
-def test_a_tolerance_of_so_many_frames_that_they_are_no_noise_is_refused() -> None:
-    with pytest.raises(ValidationError, match="delay_tolerance"):
-        alarm('when = { below = "1 m" }\non_delay = "10 s"\ndelay_tolerance = { frames = 1000 }')
 
 
 def test_every_key_of_a_ramp_reaches_the_core() -> None:
@@ -195,11 +150,6 @@ def test_every_key_of_following_reaches_the_core() -> None:
         deadband_m=0.0,
         deadband_rad=0.0,
     )
-
-
-def test_a_rule_of_no_kind_cannot_reach_the_core() -> None:
-    with pytest.raises(ValueError, match="the rule 'it' has none of: when, ramp, follow"):
-        rule('actuator = "motor"')
 
 
 def test_the_defaults_of_every_section_are_those_of_the_plan() -> None:

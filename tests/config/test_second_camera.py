@@ -46,14 +46,6 @@ def test_one_device_twice_is_noticed_whatever_it_is_called(tmp_path, first, seco
     assert ("second_camera.driver", "used-twice", "this is the first camera once more") in found
 
 
-def test_pictures_of_another_aspect_than_the_stereo_file_are_noticed(tmp_path):
-    wide = '="driver"'.replace('="driver"', '=driver = "opencv"\ndevice = 7\nwidth_px = 1280\nheight_px = 720\n')
-    ((key, code, message),) = problems(tmp_path, second_camera=f'{wide}stereo = "stereo.toml"')
-    assert (key, code) == ("second_camera.width_px", "stereo-unfit")
-    assert "1280x720" in message
-    assert "640x480" in message
-
-
 def test_a_stereo_file_that_is_missing_or_wrong_is_said(tmp_path):
     usual = SECTIONS["second_camera"]
     ((key, _, message),) = problems(tmp_path, second_camera="=" + usual.replace("stereo.toml", "none.toml"))

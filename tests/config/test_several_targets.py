@@ -73,15 +73,6 @@ def test_a_count_of_all_does_not_count_the_nearest_twice(tmp_path: Path) -> None
     assert next(leaves(gate_of(many).condition)).targets_named == ("cup", *MEMBERS)
 
 
-def test_a_ramp_may_watch_the_nearest(tmp_path: Path) -> None:
-    rule = '[rules.ramp]\nactuator = "buzzer"\ntarget = "balls-nearest"\nramp = { from = "2 m", to = "30 cm" }\n'
-    assert load(tmp_path, rule).plan.rules[0].target == "balls-nearest"
-
-
-def test_the_description_says_how_many(tmp_path: Path) -> None:
-    assert "`balls` (3 × ball)" in describe(load(tmp_path, ""))[0]
-
-
 RULE = '[rules.near]\nactuator = "buzzer"\ntarget = "{}"\nwhen = {{ below = "1 m" }}\n'
 STANDS = "'balls' stands for balls-1 to balls-3: name one, or balls-nearest or balls-farthest"
 
@@ -124,18 +115,6 @@ def test_a_target_with_the_name_of_a_member_is_refused(tmp_path: Path, name: str
     assert hint == "give one another name"
 
 
-def test_a_test_cannot_move_the_nearest(tmp_path: Path) -> None:
-    test = """[rules.near]
-actuator = "buzzer"
-target = "balls-nearest"
-when = { below = "1 m" }
-[[tests]]
-input = { target = "balls-nearest", hover = { at = "50 cm", for = "5 s" } }
-expect.near = { raised = 1 }
-"""
-    assert [message for _, message, _ in problems(tmp_path, test)] == ["there is no target 'balls-nearest'"]
-
-
 def test_any_of_a_group_is_one_condition_on_each_and_all_of_likewise(tmp_path: Path) -> None:
     when = '{{ {} = "balls", below = "1 m", not = {{ closing_speed = {{ below = "0 m/s" }} }} }}'
     for key, whole in (("any_of", AnyOf), ("all_of", AllOf)):
@@ -148,11 +127,6 @@ def test_any_of_a_group_is_one_condition_on_each_and_all_of_likewise(tmp_path: P
         assert all(isinstance(each, AllOf) for each in condition.conditions), "both keys are about one at a time"
         words = describe(loaded)
         assert all(any(member in line for line in words) for member in MEMBERS)
-
-
-def test_any_of_one_target_is_that_target(tmp_path: Path) -> None:
-    rule = '[rules.near]\nactuator = "buzzer"\nwhen = { any_of = "cup", below = "1 m" }\n'
-    assert targets_of(gate_of(load(tmp_path, rule).plan.rules[0]).condition) == {"cup"}
 
 
 def test_a_group_inside_of_others_is_still_about_each(tmp_path: Path) -> None:

@@ -55,11 +55,6 @@ def test_figures_that_nearly_cancel_survive_the_file(rig: StereoRig, file: Path,
     assert again == pytest.approx(straight_ahead_share(rig, away_m), rel=1e-3)
 
 
-def test_a_file_that_is_not_there_says_how_to_make_it(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"there is no such file .*stadimeter calibrate stereo"):
-        load_stereo_rig(tmp_path / "none.toml")
-
-
 def test_a_file_of_one_camera_is_not_one_of_two(tmp_path: Path) -> None:
     (tmp_path / "camera.toml").write_text("width_px = 640\nheight_px = 480\nfx_px = 600.0\n")
     with pytest.raises(ConfigError, match="a camera file, of one camera"):
@@ -94,11 +89,6 @@ def test_correlations_that_contradict_each_other_are_refused(rig: StereoRig, tmp
     (tmp_path / "wrong.toml").write_text(f"{start}correlations = [\n    {opposite},\n{others}")
     with pytest.raises(ConfigError, match="correlations contradict each other"):
         load_stereo_rig(tmp_path / "wrong.toml")
-
-
-def test_a_folder_that_is_not_there_is_said(rig: StereoRig, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="the stereo file cannot be written: no such file or directory"):
-        save_stereo_rig(tmp_path / "none" / "stereo.toml", rig)
 
 
 def test_pictures_of_twice_the_size_have_twice_the_uncertainty_in_pixels(rig: StereoRig) -> None:

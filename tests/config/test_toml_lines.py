@@ -140,14 +140,6 @@ def test_the_place_of_a_value_holds_it(random: Random) -> None:
             assert lines[span.line - 1][span.column : span.end_column].rstrip().endswith(str(value))
 
 
-@given(RANDOMS)
-def test_places_are_inside_their_lines(random: Random) -> None:
-    text = document(random)
-    lines = text.split("\n")
-    for span in key_spans(text).values():
-        assert 0 <= span.column <= span.end_column <= len(lines[span.line - 1])
-
-
 DOCUMENT = """\
 # a comment with [no.table]
 title = "x"  # a = b

@@ -5,7 +5,6 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from stadimeter.app.control.reloading import needs_restart
 from stadimeter.cli.main import app
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import load_configuration
@@ -126,7 +125,3 @@ def test_what_is_wrong_is_said_with_its_line(tmp_path, table, words):
     assert words in str(caught.value)
     assert caught.value.problems[0].line > 20
     assert "secret" not in str(caught.value)
-
-
-def test_another_page_needs_no_restart_of_the_run(tmp_path):
-    assert needs_restart(load(tmp_path, "[web]\n"), load(tmp_path, "[web]\nport = 8081\n")) == ()
