@@ -3,12 +3,11 @@
 A target rests at 4 m for 2 to 3 s, sets off with 5 m/s², and comes at a steady speed. The rule is `severity = "safety"`
 with ``closing_speed = { above = "1 m/s" }``. A stop for a target of 0.7 m/s is false. For one that is faster, lateness
 counts from the moment in which its true speed is 1 m/s. The noise is that of the box of `rule_policies` at 15 frames a
-second, and that of a ball at 30: independent from frame to frame, 0.5 % of the distance at 4 m. Run it for a table.
+second, and that of a ball at 30: independent from frame to frame, 0.5 % of the distance at 4 m.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 
 import numpy as np
@@ -21,7 +20,6 @@ from stadimeter.core.decision import EventKind
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan
 from support.observing import measured
-from support.scenes import draw
 
 RUNS = 250
 LIMIT_MPS, SLOW_MPS, FAST_MPS = 1.0, 0.7, (1.1, 1.3, 1.5, 2.0)
@@ -121,16 +119,3 @@ def run(runs: int, seed: int) -> Part:
         "second.\n\n" + table(head, rows)
     )
     return Part(title="Closing speed for safety", text=text)
-
-
-def main() -> None:
-    """Simulate and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runs", type=int, default=RUNS)
-    parser.add_argument("--tuning", action="store_true", help="other random numbers: those to choose defaults by")
-    asked = parser.parse_args()
-    print(run(asked.runs, (draw.TUNING_SEEDS if asked.tuning else draw.REPORT_SEEDS).start).text)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""How often alarms are raised for nothing, by several kinds of noise, over hours. Run it for a table.
+"""How often alarms are raised for nothing, by several kinds of noise, over hours.
 
 The box of `rule_policies` stands three standard deviations behind a threshold of 8 m. Its height is wrong by 3 px, one
 standard deviation, in each kind of noise; of the last kind the middle two thirds are as wide as stated, so that the
@@ -8,7 +8,6 @@ variable: a few minutes without a false raise say next to nothing.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable
 
@@ -30,8 +29,6 @@ from rule_policies import (
     plan_for,
     sigma_m,
 )
-
-from support.scenes import draw
 
 THRESHOLD_M = 8.0
 MINUTES, RUN_MINUTES = 200, 5
@@ -104,16 +101,3 @@ def run(minutes: int, seed: int) -> Part:
 def _said(count: int, minutes: float) -> str:
     low, high = interval(count, minutes)
     return f"{count / minutes:.3f} [{low:.3f}, {high:.3f}]"
-
-
-def main() -> None:
-    """Count and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--minutes", type=int, default=MINUTES)
-    parser.add_argument("--tuning", action="store_true", help="other random numbers: those to choose defaults by")
-    asked = parser.parse_args()
-    print(run(asked.minutes, (draw.TUNING_SEEDS if asked.tuning else draw.REPORT_SEEDS).start).text)
-
-
-if __name__ == "__main__":
-    main()

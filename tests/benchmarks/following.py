@@ -1,4 +1,4 @@
-"""How well a moving target is followed, and whether the stated standard deviation holds. Run it for a table.
+"""How well a moving target is followed, and whether the stated standard deviation holds.
 
 The noise is that of `rule_policies`, without outliers and gaps, at 2 m and at 4 m. A target rests; sways by ± 0.4 m,
 once in 4 s; walks with changing speeds of up to 1.2 m/s; or rests and then approaches at 1 m/s. The first two seconds
@@ -8,7 +8,6 @@ in which the track is there.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable, Sequence
 
@@ -20,7 +19,6 @@ from stadimeter.core.plan import Tracking
 from stadimeter.core.track import Track
 from stadimeter.core.tracking.life_cycle import new_track, step
 from support.observing import measured
-from support.scenes import draw
 
 RUNS, RUN_S, LEFT_OUT_S = 200, 8.0, 2.0
 AT_M = (2.0, 4.0)
@@ -130,16 +128,3 @@ def run(runs: int, seed: int) -> Part:
 
 def _rms(errors_m: Sequence[float] | Distances) -> str:
     return f"{1000 * math.sqrt(float(np.mean(np.square(errors_m)))):.1f} mm"
-
-
-def main() -> None:
-    """Follow and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runs", type=int, default=RUNS)
-    parser.add_argument("--tuning", action="store_true", help="other random numbers: those to choose constants by")
-    asked = parser.parse_args()
-    print(run(asked.runs, (draw.TUNING_SEEDS if asked.tuning else draw.REPORT_SEEDS).start).text)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""How often alarms flap, how often they are raised for nothing, and how late they are. Run it for a table.
+"""How often alarms flap, how often they are raised for nothing, and how late they are.
 
 The noise is that of a box around an object: 15 frames a second, an object of 0.5 m, a focal length of 1000 px, an error
 of 3 px (one standard deviation) of the box's height that is correlated from frame to frame by 0.6. That is 0.024 m at
@@ -13,13 +13,12 @@ Three questions, at a threshold T of 2 m and of 8 m:
   way for half the time between two frames already, 0.033 s. An alarm that is raised too early counts as 0 s late.
 
 The policies that others have judge the measured distance. Ours are rules in a configuration, with the defaults that a
-user gets, judged by the filter and the rules of the core. ``--tuning`` takes other random numbers than the report's:
-those that defaults may be chosen by.
+user gets, judged by the filter and the rules of the core. ``--tuning`` of the report takes other
+random numbers: those that defaults may be chosen by.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -36,7 +35,6 @@ from stadimeter.core.decision import EventKind
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan
 from support.observing import measured, missed
-from support.scenes import draw
 
 FRAMES_PER_S = 15.0
 OBJECT_M, FOCAL_PX = 0.5, 1000.0
@@ -320,16 +318,3 @@ def run(runs: int, seed: int) -> Part:
         "0.033 s of it, and an alarm that is early counts as 0 s late.\n\n" + markdown(scores)
     )
     return Part(title="Rules on noise", text=text, facts=facts(scores))
-
-
-def main() -> None:
-    """Simulate and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runs", type=int, default=RUNS)
-    parser.add_argument("--tuning", action="store_true", help="other random numbers: those to choose defaults by")
-    asked = parser.parse_args()
-    print(run(asked.runs, (draw.TUNING_SEEDS if asked.tuning else draw.REPORT_SEEDS).start).text)
-
-
-if __name__ == "__main__":
-    main()

@@ -9,6 +9,7 @@ import argparse
 import os
 import platform
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import closing_speeds
@@ -25,13 +26,13 @@ OUT = Path(__file__).resolve().parents[2] / "docs" / "benchmarks" / "rules.md"
 
 GOALS = goals_of("goals_of_rules.toml")["rules"]
 
-JOBS: dict[str, Callable[[], Part]] = {
-    "policies": lambda: rule_policies.run(rule_policies.RUNS, draw.REPORT_SEEDS.start),
-    "speeds": lambda: closing_speeds.run(closing_speeds.RUNS, draw.REPORT_SEEDS.start),
-    "raises": lambda: false_raises.run(false_raises.MINUTES, draw.REPORT_SEEDS.start),
-    "following": lambda: following.run(following.RUNS, draw.REPORT_SEEDS.start),
+JOBS: dict[str, Callable[[int], Part]] = {
+    "policies": partial(rule_policies.run, rule_policies.RUNS),
+    "speeds": partial(closing_speeds.run, closing_speeds.RUNS),
+    "raises": partial(false_raises.run, false_raises.MINUTES),
+    "following": partial(following.run, following.RUNS),
 }
-"""The parts by name, in the order of the report."""
+"""The parts by name, in the order of the report; each takes the seed that its random numbers begin with."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -45,8 +46,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=list(JOBS), help="parts to run and print")
+    parser.add_argument("--tuning", action="store_true", help="other random numbers: those to choose defaults by")
     asked = parser.parse_args(arguments)
-    parts = [job() for name, job in JOBS.items() if not asked.only or name in asked.only]
+    if asked.tuning and not asked.only:
+        parser.error("--tuning: the report is made of its own random numbers; name parts to print with --only")
+    seed = (draw.TUNING_SEEDS if asked.tuning else draw.REPORT_SEEDS).start
+    parts = [job(seed) for name, job in JOBS.items() if not asked.only or name in asked.only]
     text = report(parts)
     if asked.only:
         print(text)
