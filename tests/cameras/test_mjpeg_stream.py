@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import math
 import re
 import socket
@@ -380,29 +379,8 @@ def basic(authorization: str) -> bool:
     return authorization == "Basic " + base64.b64encode(b"me:se@cret").decode()
 
 
-def digest(authorization: str) -> bool:
-    fields = dict(
-        field.strip().replace('"', "").split("=", 1) for field in authorization[7:].split(",") if "=" in field
-    )
-    if not fields:
-        return False
-
-    def md5(*parts: str) -> str:
-        return hashlib.md5(":".join(parts).encode()).hexdigest()  # noqa: S324 - RFC 2617
-
-    user = md5("me", "cam", "se@cret")
-    asked = md5("GET", fields["uri"])
-    return fields["response"] == md5(user, fields["nonce"], fields["nc"], fields["cnonce"], "auth", asked)
-
-
-@pytest.mark.parametrize(
-    ("challenge", "allows"),
-    [('Basic realm="cam"', basic), ('Digest realm="cam", nonce="abc", qop="auth", algorithm=MD5', digest)],
-)
-def test_user_and_password_of_the_address_are_sent(
-    server: Server, open_camera: Callable[..., OpenCvCamera], challenge: str, allows: Callable[[str], bool]
-) -> None:
-    server.challenge, server.allows = challenge, allows
+def test_user_and_password_of_the_address_are_sent(server: Server, open_camera: Callable[..., OpenCvCamera]) -> None:
+    server.challenge, server.allows = 'Basic realm="cam"', basic
     assert open_camera(f"http://me:se%40cret@{server.place}/cam").read().width_px == SIZE[0]
     with pytest.raises(DeviceOpenError, match="answers 401") as raised:
         open_camera(f"http://me:wrong@{server.place}/cam?token=hidden")

@@ -14,6 +14,9 @@ from stadimeter.cameras.image_files import ImageFilesCamera
 from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
 from stadimeter.cameras.picamera2_camera import Picamera2Camera, Picamera2Options
 from stadimeter.cameras.video_file import VideoFileCamera
+from stadimeter.config.plugins import CAMERAS, WORLDS, DriverContext, load_driver
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.clock import Clock
 from stadimeter.testing.camera_contract import FRAMES, CameraContract, CameraRig
 from stadimeter.testing.rig import ManualClock
 from support.cameras import NodeDevice, StreamServer, open_files, picture
@@ -119,5 +122,31 @@ class TestPicamera2(CameraContract):
                 held=lambda: sensor.held,
                 lose=lambda: setattr(sensor, "is_silent", True),
             )
+
+        return rig
+
+
+LENS = CameraModel.with_focal_length(150.0, 160, 120)
+
+
+def in_a_world(clock: Clock) -> DriverContext:
+    context = DriverContext(name="it", clock=clock, camera_model=LENS)
+    model = load_driver(WORLDS, "simulated")
+    model().build(context)
+    return context
+
+
+class TestSimulatedCamera(CameraContract):
+    @pytest.fixture(params=[ManualClock, MonotonicClock], ids=["stepped", "real"])
+    def clock(self, request: pytest.FixtureRequest) -> Clock:
+        made: Clock = request.param()
+        return made
+
+    @pytest.fixture(params=[True, False], ids=["drawn", "black"])
+    def make_rig(self, clock: Clock, request: pytest.FixtureRequest) -> Callable[[], CameraRig]:
+        def rig() -> CameraRig:
+            model = load_driver(CAMERAS, "simulated")
+            options = model.model_validate({"rate": "1 kHz", "render": request.param})
+            return CameraRig(camera=options.build(in_a_world(clock)), clock=clock)
 
         return rig

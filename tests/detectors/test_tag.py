@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 import re
+import subprocess
+import sys
 
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from msgspec.structs import replace
 from pydantic import ValidationError
 
@@ -17,6 +21,7 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.tag import TagDetector, TagOptions
 from stadimeter.detectors.tag.codes import DICTIONARIES, tag_family
+from stadimeter.detectors.tag.search import SAME_PX, distinct
 from stadimeter.detectors.tag.sides import measure_sides
 from support.each_case import each_case
 from support.scenes.draw import empty_scene, tag_scene
@@ -288,3 +293,69 @@ def test_a_tag_with_a_bent_side_owns_up_to_it(bow_px: float) -> None:
     assert bent_side.size_sigma_px > 5 * straight_side.size_sigma_px
     off_px = abs(math.sqrt(bent_side.width_px * bent_side.height_px) - 120)
     assert 0.3 * bent_side.size_sigma_px < off_px < 2.5 * bent_side.size_sigma_px
+
+
+MAX_MEGABYTES = 2000
+MEASURE_PEAK = """
+import re
+from pathlib import Path
+import numpy as np
+from stadimeter.core.frame import Frame
+from stadimeter.detectors.tag import TagDetector, TagOptions
+
+detector = TagDetector("tag", TagOptions.model_validate({"side": "53 mm"}))
+noise = np.random.default_rng(3).integers(0, 256, (6250, 8000, 3), np.uint8)
+detector.detect(Frame(noise, 0.0, 0))
+# Not `ru_maxrss`: that begins with the memory of the program that started this one, which may have pictures in it.
+print(int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) // 1024)
+"""
+
+
+def _wall_with_tag(side_px: int, left_px: int, top_px: int) -> Frame:
+    """Return 24 megapixels of a light wall with a tag on it."""
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    grey = np.full((4000, 6000), 200, np.uint8)
+    grey[top_px : top_px + side_px, left_px : left_px + side_px] = cv2.aruco.generateImageMarker(dictionary, 5, side_px)
+    return Frame(np.repeat(grey[..., None], 3, axis=2), 0.0, 0)
+
+
+@pytest.mark.parametrize("side_px", [32, 80, 800])
+def test_a_tag_in_a_very_large_picture_is_measured_in_full(side_px: int) -> None:
+    found = detector().detect(_wall_with_tag(side_px, 4100, 2300))
+    assert found.status is DetectionStatus.FOUND
+    assert found.number == 5
+    assert found.width_px == pytest.approx(side_px, abs=0.3)
+
+
+def test_the_reason_names_the_size_below_which_a_very_large_picture_was_not_searched() -> None:
+    reason = detector().detect(Frame(np.full((4000, 6000, 3), 90, np.uint8), 0.0, 0)).reason
+    assert "of at least 20 px" in reason
+    assert reason.endswith("smaller ones were not looked for: the picture is searched at a smaller size")
+
+
+@pytest.mark.long
+def test_fifty_megapixels_of_noise_are_searched_in_bounded_memory() -> None:
+    peak = subprocess.run([sys.executable, "-c", MEASURE_PEAK], check=True, capture_output=True, text=True).stdout
+    assert int(peak) < MAX_MEGABYTES
+
+
+SQUARE_PX = np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 20.0], [0.0, 20.0]])
+
+
+@given(seed=st.integers(0, 10_000), count=st.integers(1, 60), spread_px=st.sampled_from([1.0, 5.0, 200.0]))
+def test_an_outline_is_left_unless_an_earlier_one_is_the_same(seed: int, count: int, spread_px: float) -> None:
+    rng = np.random.default_rng(seed)
+    outlines = SQUARE_PX + rng.uniform(0, spread_px, (count, 1, 2)) + rng.normal(0, 0.4, (count, 4, 2))
+    left = [
+        each
+        for number, each in enumerate(outlines)
+        if not any(np.abs(each - earlier).max() < SAME_PX for earlier in outlines[:number])
+    ]
+    assert np.array_equal(distinct(outlines), left)
+
+
+@pytest.mark.long
+def test_a_chequered_floor_has_tens_of_thousands_of_outlines_and_each_counts_once() -> None:
+    places = np.stack(np.meshgrid(np.arange(200.0), np.arange(200.0)), axis=-1).reshape(-1, 1, 2) * 20
+    floor = SQUARE_PX + places
+    assert np.array_equal(distinct(np.concatenate([floor, floor + 0.5])), floor)
