@@ -6,22 +6,7 @@ from msgspec.structs import replace
 from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import RuleStatus, Severity
-from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
-from stadimeter.core.rule import AlarmRule
-from support.observing import Rehearsal
-
-NEAR = AlarmRule(
-    name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0), off_delay_s=0.2, cooldown_s=0
-)
-FAR, CLOSE = (3.0,) * 5, (0.5,) * 3
-
-
-def rehearse(*rules, **fields):
-    rules = tuple(replace(rule, **fields) for rule in rules or (NEAR,))
-    outputs = (LevelOutput(name="buzzer"), LevelOutput(name="lamp"))
-    tracking = Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, autocorrelation=0.0)
-    plan = Plan(targets=("ball",), rules=rules, outputs=outputs, tracking=tracking, safety=Safety(good_frames=1))
-    return Rehearsal(plan)
+from support.near_alarm import CLOSE, FAR, NEAR, rehearse
 
 
 def status(decision, rule="near"):

@@ -12,31 +12,14 @@ from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import RuleStatus, Severity
 from stadimeter.core.observation import FrameStamp, Observation
-from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, Lost, LostPolicy, OnDelay
 from stadimeter.core.rules.explaining import explain
 from support.each_case import each_case
-from support.observing import Rehearsal, measured
+from support.near_alarm import CLOSE, FAR, NEAR, rehearse
+from support.observing import measured
 
-NEAR = AlarmRule(
-    name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0), off_delay_s=0.2, cooldown_s=0
-)
 GONE = AlarmRule(name="gone", target="ball", condition=PresenceCondition(seen=False), cooldown_s=0)
 ASKS = AlarmRule(name="asks", target="ball", output="lamp", condition=RuleCondition(rule="near"), off_delay_s=0.0)
-FAR, CLOSE = (3.0,) * 5, (0.5,) * 3
-
-
-def rehearse(*rules, outliers_max=0, **fields):
-    plan = Plan(
-        targets=("ball",),
-        rules=tuple(replace(rule, **fields) for rule in rules or (NEAR,)),
-        outputs=(LevelOutput(name="buzzer"), LevelOutput(name="lamp")),
-        tracking=Tracking(
-            confirm_frames=1, coast_s=0.15, outliers_max=outliers_max, acceleration_mps2=20.0, autocorrelation=0.0
-        ),
-        safety=Safety(good_frames=1),
-    )
-    return Rehearsal(plan)
 
 
 def trace(run, rule="near"):
@@ -69,16 +52,6 @@ def test_an_outlier_just_before_a_loss_leaves_no_refused_measurement_in_the_trac
 
 
 # Latched and out of sight.
-
-
-def test_a_latched_alarm_stays_latched_out_of_sight_and_can_be_reset():
-    run = rehearse(latch=True)
-    run.see(*FAR, *CLOSE, *FAR, *[None] * 80)
-    assert (trace(run).status, trace(run).active) == (RuleStatus.LATCHED, True)
-    assert run.decisions[-1][1].commands[0].level == 1.0
-    assert run.tell("reset", "near").accepted
-    run.see(None)
-    assert run.decisions[-1][1].commands[0].level == 0.0
 
 
 def test_an_alarm_that_latches_stands_until_it_is_reset_though_its_target_left_while_it_held():
@@ -180,13 +153,6 @@ def test_a_light_while_the_target_is_near_and_30_s_after_goes_off_30_s_after_it_
     (cleared,) = [event for event in events(run) if event.kind.value == "cleared"]
     assert cleared.at_s - left_s == pytest.approx(30.0 + 0.5 + 0.2, abs=0.15)
     assert run.decisions[-1][1].commands[0].level == 0.0
-
-
-def test_a_target_that_comes_back_before_the_off_delay_is_over_keeps_the_alarm_up():
-    run = rehearse(lost=Lost(policy=LostPolicy.CLEAR), off_delay_s=3.0)
-    run.see(*FAR, *CLOSE, *[None] * 20, *[0.5] * 40)
-    assert run.events("near") == ["raised"]
-    assert trace(run).status is RuleStatus.ACTIVE
 
 
 def test_time_in_which_the_program_stood_still_counts_for_no_off_delay_out_of_sight():
@@ -301,18 +267,12 @@ def test_a_chattering_alarm_is_an_ordinary_one_again_when_it_has_calmed_down():
 
 def test_a_chattering_alarm_that_goes_on_is_reported_no_second_time():
     run = rehearse(raises_per_min_max=4)
-    run.see(*CHATTER * 400)
+    run.see(*CHATTER * 120)
     assert run.events("near").count("chattering") == 1
     assert "calmed" not in run.events("near")
 
 
-def test_without_a_limit_an_alarm_may_come_as_often_as_it_wants():
-    run = rehearse(raises_per_min_max=0)
-    run.see(*CHATTER * 20)
-    assert run.events("near").count("raised") == 20
-
-
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(st.lists(st.tuples(st.booleans(), st.integers(1, 60)), max_size=80), st.integers(1, 6), st.floats(0.0, 2.0))
 def test_no_alarm_is_raised_more_often_in_a_minute_than_it_may_nor_unseen_while_it_holds(ways, most, off_delay_s):
     run = rehearse(raises_per_min_max=most, off_delay_s=off_delay_s)

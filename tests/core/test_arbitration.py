@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from stadimeter.core.plan import BaseOutput, LevelOutput
 from stadimeter.core.rule_step import LevelRequest, TwistRequest
-from stadimeter.core.rules.arbitration import arbitrate, rearrange
+from stadimeter.core.rules.arbitration import arbitrate
 
 RESTRICTIVE = {"base": BaseOutput(name="base", combine="most_restrictive")}
 speeds = st.floats(-2, 2)
@@ -75,52 +75,11 @@ def test_an_actuator_takes_the_highest_or_the_lowest_of_equal_levels(combine, ru
     assert [each.rule for each in arbitrate(requests, outputs)["motor"]] == [*rules, "low"]
 
 
-def test_an_actuator_combines_two_as_well_as_three():
-    outputs = {"motor": LevelOutput(name="motor", combine="max")}
-    assert [each.rule for each in arbitrate([level("a", 0.2), level("b", 0.9)], outputs)["motor"]] == ["b", "a"]
-
-
 def test_without_a_word_about_it_the_highest_level_counts():
     outputs = {"motor": LevelOutput(name="motor")}
     assert [each.rule for each in arbitrate([level("a", 0.2), level("b", 0.9)], outputs)["motor"]] == ["b", "a"]
 
 
-def test_outputs_that_are_not_asked_for_are_left_out():
-    assert dict(arbitrate([], RESTRICTIVE)) == {}
-
-
 def test_lower_equals_below_a_single_winner_are_not_combined():
     requests = [twist("high", 0.4), twist("b", 0.3, priority=1), twist("c", -0.3, priority=1)]
     assert [each.rule for each in arbitrate(requests, RESTRICTIVE)["base"]] == ["high", "b", "c"]
-
-
-def test_a_combined_request_is_for_the_same_output():
-    assert arbitrate([twist("a", 0.4), twist("b", 0.2)], RESTRICTIVE)["base"][0].output == "base"
-
-
-few_requests = st.lists(
-    st.builds(
-        lambda number, output, priority, level: (number, output, priority, level),
-        st.integers(0, 9),
-        st.sampled_from(["motor", "lamp"]),
-        st.integers(0, 3),
-        st.sampled_from([0.2, 0.8]),
-    ),
-    max_size=8,
-    unique_by=lambda each: each[:2],
-)
-
-
-@given(few_requests, few_requests)
-def test_rearranging_a_few_requests_gives_what_sorting_all_of_them_gives(before, after):
-    def made(pairs):
-        return {LevelRequest(rule=f"r{n}", output=o, priority=p, level=v) for n, o, p, v in pairs}
-
-    positions = {f"r{number}": number for number in range(10)}
-    was, now = made(before), made(after)
-
-    def in_order(found):
-        return sorted(found, key=lambda request: positions[request.rule])
-
-    wanted = rearrange(arbitrate(in_order(was)), was - now, now - was, positions)
-    assert wanted == dict(arbitrate(in_order(now)))

@@ -4,7 +4,6 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.core.command import TwistCommand
-from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import EventKind, SafetyMode, Severity
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault
 from stadimeter.core.operator import HoldCommand, OperatorCommand
@@ -180,25 +179,3 @@ def test_a_reload_keeps_it_disarmed_also_where_the_next_start_would_arm():
     run = run_of("by-command")
     run.state = reload(run.state, replace(PLAN, safety=Safety(good_frames=2))).state
     assert not moves(run.ask())
-
-
-def test_the_same_observations_arm_and_disarm_alike():
-    observations = [
-        Observation(
-            now_s=number / 10,
-            frame=FrameStamp(sequence=number, captured_at_s=number / 10),
-            measurements=(measured("ball", number / 10, 3.0),),
-            operator_commands=(tell("arm"),) if number in {10, 40} else (),
-            disarm_reason="frozen" if number == 30 else "",
-        )
-        for number in range(60)
-    ]
-    runs = []
-    for _ in range(2):
-        state, decisions = initial_state(PLAN), []
-        for observation in observations:
-            state, decision = decide(state, observation)
-            decisions.append(decision)
-        runs.append(decisions)
-    assert runs[0] == runs[1]
-    assert {decision.safety for decision in runs[0]} == {SafetyMode.ACTIVE, SafetyMode.DISARMED}

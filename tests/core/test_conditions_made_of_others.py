@@ -7,15 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stadimeter.core.condition_words import describe_verdict
-from stadimeter.core.conditions.compounds import (
-    AllOf,
-    AnyOf,
-    Not,
-    judge,
-    judged_by_cycle,
-    judged_leaves,
-    leaves,
-)
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not, judge, judged_by_cycle, judged_leaves, leaves
 from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
@@ -205,20 +197,6 @@ def test_one_part_that_goes_by_cycles_makes_the_whole_do_so():
     assert not judged_by_cycle(all_of(near(), near("tag")))
 
 
-def test_all_rests_while_one_part_surely_does_not_hold():
-    night = ScheduleCondition(from_s=79200.0, to_s=21600.0)
-    watched = all_of(near("ball"), near("tag"), night)
-    assert judge(watched, seeing(ball=3.0, tag=0.99), (), is_active=False).rest is not None
-    assert judge(watched, seeing(ball=0.99, tag=0.99), (), is_active=False).rest is None
-
-
-def test_while_it_is_active_it_rests_only_if_every_part_does():
-    watched = any_of(near("ball"), near("tag"))
-    assert judge(watched, seeing(ball=0.5, tag=3.0), (True, False), is_active=True).rest is not None
-    assert judge(watched, seeing(ball=0.5, tag=1.05), (True, True), is_active=True).rest is None
-    assert judge(watched, seeing(ball=0.5, tag=0.99), (True, False), is_active=True).rest is None
-
-
 figures = st.sampled_from([None, 0.5, 0.97, 0.99, 1.0, 1.03, 1.05, 1.08, 2.0])
 sightings = st.builds(
     lambda ball, tag, sigma_m: RuleInputs(
@@ -282,10 +260,7 @@ def test_a_verdict_remembers_every_part(condition, way):
 @settings(deadline=None)
 @given(mixed, st.lists(sightings, min_size=1, max_size=8))
 def test_what_is_not_known_changes_nothing(condition, way):
-    blind = RuleInputs(
-        tracks={name: track(name, 1.0, status=TrackStatus.LOST) for name in ("ball", "tag")},
-        now_s=10.0,
-    )
+    blind = RuleInputs(tracks={name: track(name, 1.0, status=TrackStatus.LOST) for name in ("ball", "tag")}, now_s=10.0)
     alarm, blinded = Alarm(condition), Alarm(condition)
     for inputs in way:
         blinded.see(blind)

@@ -167,11 +167,6 @@ def test_events_are_numbered_through_the_run():
     assert len(numbers) >= 4
 
 
-def test_the_same_observations_give_the_same_decisions():
-    first, second = run(5, 4, None, 3, 0.4, 0.3, None), run(5, 4, None, 3, 0.4, 0.3, None)
-    assert first.decisions == second.decisions
-
-
 anything = st.one_of(
     st.none(), st.floats(allow_nan=True, allow_infinity=True), st.floats(0.1, 8), st.floats(0.1, 8), st.just("wait")
 )

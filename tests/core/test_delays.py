@@ -136,7 +136,7 @@ steps = st.sampled_from([1 / 30, 1 / 15, 0.1, 0.2, 0.5])
 stretches = st.lists(st.tuples(st.booleans(), st.integers(1, 7)), min_size=1, max_size=25)
 
 
-@settings(max_examples=400)
+@settings(max_examples=150)
 @given(tolerances, delays, delays, steps, stretches)
 def test_it_is_raised_and_cleared_as_a_naive_judgement_of_every_stretch_says(tolerance, on_s, off_s, step_s, stretches):
     rule = replace(BEARING, on_delay=OnDelay(hold_s=on_s), off_delay_s=off_s, delay_tolerance=tolerance)

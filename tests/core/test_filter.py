@@ -84,11 +84,6 @@ def test_it_states_its_true_error_for_noise_that_lasts_from_frame_to_frame(corre
     assert 0.8 * stated_m <= true_m <= 1.05 * stated_m
 
 
-def test_who_takes_noise_that_lasts_for_noise_that_does_not_is_too_sure():
-    true_m, stated_m = still(0.6, 0.0)
-    assert true_m > 1.4 * stated_m
-
-
 @given(distances, distances, noises, noises, st.floats(0, 1))
 def test_of_two_states_that_differ_the_mixture_is_less_sure_than_their_mean(first, second, sigma, other_sigma, share):
     one, other = kalman.start(first, sigma), kalman.start(second, other_sigma)

@@ -216,18 +216,6 @@ def test_when_its_target_is_gone_or_much_too_near_it_stops_at_once():
     assert floor.told[-1][0] == 0.0
 
 
-def test_the_same_observations_give_the_same_decisions_to_the_last_bit():
-    floor = Floor(ball=(2.0, 0.5))
-    floor.reports = True
-    floor.run(6, move=lambda t: (2.0 + 0.3 * math.sin(t), 0.5 * math.cos(t)))
-    state = initial_state(floor.plan)
-    again = []
-    for observation in floor.observations:
-        state, decision = decide(state, observation)
-        again.append((decision.commands[0].linear_mps, decision.commands[0].angular_radps))
-    assert again == floor.told
-
-
 def test_following_without_a_finite_bearing_asks_for_nothing():
     floor = Floor()
     floor.see = lambda _: (2.0, math.nan)
@@ -242,15 +230,6 @@ def test_a_slider_drives_and_never_turns_nor_searches():
     floor.ball = (floor.x, 5.0)
     floor.run(5)
     assert {rate for _, rate in floor.told} == {0.0}
-
-
-@pytest.mark.parametrize("age_s", [0.03, 0.19])
-def test_no_command_is_ever_over_a_limit_of_the_base(age_s):
-    rule = replace(FOLLOW, linear_max_mps=9.0, reverse_max_mps=9.0, angular_max_radps=9.0)
-    floor = Floor(rule, ball=(2.0, 0.0), age_s=age_s)
-    floor.run(30, move=lambda t: (2.0 + 1.2 * math.sin(t), 0.6 * math.sin(2 * t)))
-    assert max(abs(linear) for linear, _ in floor.told) == 0.6, "it goes up to its limit"
-    assert max(abs(rate) for _, rate in floor.told) <= 2.0
 
 
 # Searching

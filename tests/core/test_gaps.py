@@ -11,7 +11,6 @@ from stadimeter.core.decision import RuleStatus, SafetyMode
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, FollowRule, OnDelay
-from stadimeter.core.safety import is_gap
 from stadimeter.core.track import TrackStatus
 from support.observing import Rehearsal, measured
 
@@ -166,9 +165,3 @@ def test_no_alarm_is_raised_by_less_observation_than_its_on_delay(before_s, paus
         pause(run, pause_s)
         run.see(*[0.5] * (1 + frames(between_s)))
         assert run.events("near") == []
-
-
-@given(step_s=st.floats(0.0, 100.0), before_s=st.floats(0.0, 100.0))
-def test_a_gap_is_longer_than_the_frame_age_and_than_what_is_usual(step_s, before_s):
-    limits = Safety(max_frame_age_s=0.2)
-    assert is_gap(step_s, before_s, limits) == (step_s > 0.2 + 1e-6 and 0 < 2 * before_s < step_s)

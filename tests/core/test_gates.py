@@ -11,7 +11,7 @@ from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import EventKind, RuleStatus, Severity
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.operator import OperatorCommand
-from stadimeter.core.persistence import meaning_of, restore_alarms, snapshot_alarms
+from stadimeter.core.persistence import restore_alarms, snapshot_alarms
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.reload import reload
 from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule, RampRule, Send, Template
@@ -227,13 +227,6 @@ def test_shelving_outlasts_a_restart_a_reload_and_a_recording():
         decision = run.see(1.5, wall=NIGHT, times=3)
         assert (level(decision), status(decision, "beep").inhibits) == (0.0, ("shelved",))
         run.now_s -= later_s
-
-
-def test_a_rule_without_a_gate_means_what_it_meant_before_there_were_gates():
-    plain = RampRule(name="beep", target="ball", output="buzzer", start=2.0, full=1.0)
-    observed = replace(plain, observe=True)
-    assert len({meaning_of(plain), meaning_of(observed), meaning_of(RAMP)}) == 3
-    assert meaning_of(plain) == "aaa0c565a98dc40ad375ea942e3a900df66b312be888fe99352cfccb3231f333"
 
 
 STEPS = (

@@ -31,13 +31,6 @@ def follow(distances_m, seed=3):
     return states
 
 
-def follow_as_if_always_abrupt(distances_m):
-    """Return the states of a filter that expects changes of speed at all times."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(motion, "CONSTANT_VELOCITY_SHARE", motion.MANOEUVRING_SHARE)
-        return follow(distances_m)
-
-
 def way(*speeds_mps, frames=60, start_m=4.0):
     """Return distances, so many frames at each speed of approach."""
     distances_m = [start_m]
@@ -59,16 +52,6 @@ def test_a_target_that_starts_at_once_is_followed_within_three_frames():
     for state, distance_m in zip(states[starts + 2 :], distances_m[starts + 2 :], strict=True):
         together = state.estimate()
         assert abs(together.distance_m - distance_m) < 4 * math.sqrt(together.var_distance_m2)
-
-
-def test_a_target_at_rest_is_smoothed_more_than_one_filter_could_that_follows_all():
-    def error_m(filtered_m):
-        return math.sqrt(sum((each_m - 4.0) ** 2 for each_m in filtered_m) / len(filtered_m))
-
-    together = follow(way(0.0, frames=2000))[100:]
-    assert error_m([each.estimate().distance_m for each in together]) < 0.8 * error_m(
-        [each.manoeuvring.distance_m for each in follow_as_if_always_abrupt(way(0.0, frames=2000))[100:]]
-    )
 
 
 @pytest.mark.parametrize("speed_mps", [0.0, 0.5])
@@ -121,13 +104,6 @@ def test_a_target_that_sways_is_followed_with_an_error_as_stated():
     _, sigmas = errors_of(sway(0.4, 0.25))
     assert 0.63 <= np.mean(np.abs(sigmas) < 1) <= 0.74
     assert 0.86 <= np.mean(np.abs(sigmas) < 1.645) <= 0.94
-
-
-def test_two_filters_without_the_one_between_them_would_be_too_sure_of_a_target_that_sways(monkeypatch):
-    monkeypatch.setattr(motion, "USUAL", (0.979, 0.001, 0.02))
-    monkeypatch.setattr(motion, "SWAYING_SHARE", motion.CONSTANT_VELOCITY_SHARE)
-    _, sigmas = errors_of(sway(0.4, 0.25))
-    assert np.mean(np.abs(sigmas) < 1.645) < 0.84
 
 
 def test_single_errors_far_from_the_rest_hardly_pull_a_target_at_rest(monkeypatch):

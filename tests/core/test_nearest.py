@@ -6,12 +6,13 @@ from stadimeter.core.conditions.discrete import CountCondition
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.decision import EventKind, SafetyMode
-from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import RampRule
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.core.tracking.nearest import NearestOf
+from support.observing import measured, missed
 
 MEMBERS = ("balls-1", "balls-2")
 PLAN = Plan(
@@ -25,20 +26,10 @@ PLAN = Plan(
 )
 
 
-def measured(target: str, at_s: float, distance_m: float | None, noise_m: float) -> Measurement:
+def look(target: str, at_s: float, distance_m: float | None, noise_m: float) -> Measurement:
     if distance_m is None:
-        return Measurement(target=target, status=MeasurementStatus.NOT_FOUND, captured_at_s=at_s, reason="gone")
-    return Measurement(
-        target=target,
-        status=MeasurementStatus.MEASURED,
-        captured_at_s=at_s,
-        distance_m=distance_m,
-        depth_m=distance_m,
-        sigma_m=noise_m,
-        noise_m=noise_m,
-        bearing_rad=0.1 if target == "balls-1" else -0.1,
-        elevation_rad=0.0,
-    )
+        return missed(target, at_s)
+    return measured(target, at_s, distance_m, noise_m, 0.1 if target == "balls-1" else -0.1)
 
 
 class Running:
@@ -54,7 +45,7 @@ class Running:
         for _ in range(frames):
             at_s = self.frames / 30
             both = zip(MEMBERS, (one_m, other_m), strict=True)
-            seen = tuple(measured(name, at_s, distance_m, noise_m) for name, distance_m in both)
+            seen = tuple(look(name, at_s, distance_m, noise_m) for name, distance_m in both)
             stamp = FrameStamp(sequence=self.frames, captured_at_s=at_s)
             self.state, decision = decide(self.state, Observation(now_s=at_s, frame=stamp, measurements=seen))
             self.events += [(each.kind, each.source) for each in decision.events]

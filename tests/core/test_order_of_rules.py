@@ -124,14 +124,6 @@ def test_it_is_remembered_beyond_a_restart_and_in_a_recording():
     assert run.see(CLOSE, CLOSE) is True
 
 
-def test_what_is_remembered_does_not_grow():
-    run = Run()
-    for _ in range(20):
-        run.see(CLOSE, FAR)
-        run.see(FAR, CLOSE)
-    assert len(run.state.rules.raised_at_s) == 3
-
-
 def test_an_explanation_says_when_each_was_raised():
     run = Run()
     run.see(FAR, FAR)

@@ -66,8 +66,7 @@ def inputs(*tracks, **more):
 
 
 @pytest.mark.parametrize(
-    ("quantity", "expected"),
-    [("x", 2 * math.sin(math.radians(30))), ("y", 0.0), ("z", 2 * math.cos(math.radians(30)))],
+    ("quantity", "expected"), [("x", 2 * math.sin(math.radians(30))), ("y", 0.0), ("z", 2 * math.cos(math.radians(30)))]
 )
 def test_a_place_is_in_the_camera_frame(quantity, expected):
     assert uncertain_of(inputs(track(2.0, 30.0)), "ball", quantity)[0] == pytest.approx(expected)
@@ -177,10 +176,7 @@ def test_a_comparison_ends_over_a_deadband_of_the_noise_of_both():
 def run(path, *rules, seconds=6.0, rate_hz=30.0, output="motor", tilt=0.0):
     """Decide a run in which the ball is where `path` says: distance, bearing and elevation at a time; None for gone."""
     plan = Plan(
-        targets=("ball",),
-        rules=rules,
-        outputs=(LevelOutput(name=output),),
-        viewpoint=replace(VIEW, tilt_rad=tilt),
+        targets=("ball",), rules=rules, outputs=(LevelOutput(name=output),), viewpoint=replace(VIEW, tilt_rad=tilt)
     )
     state, decisions = initial_state(plan), []
     for frame in range(int(seconds * rate_hz)):

@@ -3,13 +3,13 @@
 import math
 
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.rule import RampRule
-from stadimeter.core.rules.ramp import describe_ramp, new_ramp, ramp_level, rest_of_ramp, step_ramp
+from stadimeter.core.rules.ramp import describe_ramp, ramp_level
 from stadimeter.core.track import Track, TrackStatus
 
 TABLE = RampRule(
@@ -128,28 +128,6 @@ def test_cautious_is_never_weaker_than_neutral_and_quiet_never_stronger(rule, di
 @given(ramps, distances_m, sigmas_m)
 def test_being_on_never_makes_it_weaker(rule, distance_m, sigma_m):
     assert level(rule, distance_m, sigma_m, is_on=True) >= level(rule, distance_m, sigma_m, is_on=False)
-
-
-@settings(suppress_health_check=[HealthCheck.filter_too_much])
-@given(ramps, distances_m, distances_m, sigmas_m, sigmas_m)
-def test_a_quiescent_ramp_gives_the_same_while_the_distance_is_in_its_interval(rule, one_m, other_m, sigma_m, later_m):
-    step = step_ramp(rule, new_ramp(rule), ball(one_m, sigma_m))
-    rest = rest_of_ramp(rule, step, ball(one_m, sigma_m))
-    assume(rest is not None)
-    ((_, low_m, high_m),) = rest.intervals
-    assert low_m <= one_m <= high_m
-    assume(low_m <= other_m <= high_m)
-    assert step_ramp(rule, step, ball(other_m, later_m)) is step
-
-
-@given(ramps, distances_m, distances_m, sigmas_m)
-def test_judging_a_ramp_only_when_it_is_active_gives_the_same_levels(rule, one_m, other_m, sigma_m):
-    always = step_ramp(rule, step_ramp(rule, new_ramp(rule), ball(one_m, sigma_m)), ball(other_m, sigma_m))
-    active = step_ramp(rule, new_ramp(rule), ball(one_m, sigma_m))
-    rest = rest_of_ramp(rule, active, ball(one_m, sigma_m))
-    if rest is None or not rest.intervals[0][1] <= other_m <= rest.intervals[0][2]:
-        active = step_ramp(rule, active, ball(other_m, sigma_m))
-    assert active.level == always.level
 
 
 def test_a_level_is_never_more_than_one_whatever_is_rounded():

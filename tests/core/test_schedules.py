@@ -5,7 +5,6 @@ from datetime import date, timedelta
 
 import pytest
 
-from stadimeter.app.exact_json import decode, encode
 from stadimeter.core.conditions.discrete import DateSpan, ScheduleCondition
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.observation import MonthDay, WallTime
@@ -115,9 +114,3 @@ def test_words_say_what_the_sun_does_today():
         "(sunrise 06:30, sunset 18:30)"
     )
     assert clock_words(NIGHT, inputs(at(date(2026, 3, 1), 12.0, POLAR_DAY))).endswith("(the sun is up all day)")
-
-
-def test_a_recording_gives_the_same_wall_time_back():
-    for sun in (POLAR_NIGHT, POLAR_DAY, seconds(6.5, 18.5), (None, None)):
-        wall = at(date(2026, 12, 24), 12.0, sun)
-        assert decode(encode(wall), WallTime) == wall

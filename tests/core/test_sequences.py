@@ -11,23 +11,11 @@ from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decide import initial_state
 from stadimeter.core.decision import RuleStatus
-from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
-from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule, Pattern, RampRule, Send, Template
-from support.each_case import each_case
-from support.observing import Rehearsal
+from stadimeter.core.plan import BaseOutput, LevelOutput, Plan
+from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule, Pattern, Send, Template
+from support.near_alarm import CLOSE, FAR, NEAR, rehearse
 
-NEAR = AlarmRule(
-    name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0), off_delay_s=0.2, cooldown_s=0
-)
-FAR, CLOSE = (3.0,) * 5, (0.5,) * 3
 CALL = EscalationStep(after_s=1.0, send=Send(template=Template(text="{rule}"), notifier="phone"))
-
-
-def rehearse(*rules, outputs=None):
-    outputs = outputs or (LevelOutput(name="buzzer"), LevelOutput(name="lamp"), BaseOutput(name="base"))
-    tracking = Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, autocorrelation=0.0)
-    plan = Plan(targets=("ball",), rules=rules, outputs=outputs, tracking=tracking, safety=Safety(good_frames=1))
-    return Rehearsal(plan)
 
 
 def levels(decision):
@@ -49,19 +37,6 @@ def test_a_pattern_changes_the_level_while_the_alarm_stands():
     assert sorted(set(seen)) == [0.25, 1.0]
     assert seen[:4] == seen[4:]
     assert levels(run.see(*FAR))[0] == 0.0
-
-
-def test_a_pattern_of_three_beeps_is_over_after_three():
-    run = rehearse(replace(NEAR, pattern=Pattern(steps=((1.0, 0.1), (0.0, 0.1)), times=3)))
-    run.see(*FAR)
-    seen = [levels(run.see(0.5))[0] for _ in range(20)]
-    assert sum(now > before for before, now in zip([0.0, *seen], seen, strict=False)) == 3
-    assert seen[-10:] == [0.0] * 10
-
-
-@each_case("since_s", [0.0, 0.1, 0.29999999999999993, 0.3, 1e9, -1.0])
-def test_a_pattern_has_a_level_at_any_time(since_s):
-    assert Pattern(steps=((1.0, 0.1), (0.5, 0.2))).level(since_s) in {1.0, 0.5}
 
 
 def test_a_later_step_drives_another_output_and_then_lets_go():
@@ -182,11 +157,7 @@ def test_a_rule_that_asks_for_another_is_judged_after_it_wherever_it_stands():
 
 def test_a_rule_on_the_contrary_of_another_follows_it():
     second = AlarmRule(
-        name="free",
-        target="ball",
-        output="lamp",
-        condition=Not(condition=RuleCondition(rule="near")),
-        off_delay_s=0.0,
+        name="free", target="ball", output="lamp", condition=Not(condition=RuleCondition(rule="near")), off_delay_s=0.0
     )
     run = rehearse(second, NEAR)
     assert levels(run.see(*FAR)) == [0.0, 1.0]
@@ -216,31 +187,6 @@ def test_of_equals_an_output_that_combines_takes_the_highest_or_the_lowest(combi
     assert levels(decision)[0] == level
     assert decision.outputs[0].winner == winner
     assert set(decision.outputs[0].losers) == {"a", "b"} - {winner}
-
-
-def test_of_equal_ramps_the_highest_wins_at_every_distance():
-    rules = (
-        RampRule(name="near", target="ball", output="buzzer", start=2.0, full=1.0),
-        RampRule(name="far", target="ball", output="buzzer", start=1.0, full=2.0),
-    )
-    run = rehearse(*rules, outputs=(LevelOutput(name="buzzer", combine="max"),))
-    for number in range(30):
-        level = levels(run.see(1.1 + 0.8 * abs((number % 20) - 10) / 10, sigma_m=0.001))[0]
-        assert level >= 0.5 - 0.05
-    winners = {decision.outputs[0].winner for _, decision in run.decisions}
-    assert winners >= {"near", "far"}
-
-
-def test_a_base_that_combines_equals_takes_the_slower_of_each_speed():
-    follows = (
-        FollowRule(name="a", target="ball", output="base", distance_m=1.0, linear_max_mps=0.3),
-        FollowRule(name="b", target="ball", output="base", distance_m=1.0, linear_max_mps=0.1),
-    )
-    base = BaseOutput(name="base", linear_accel_mps2=100.0, combine="most_restrictive")
-    run = rehearse(*follows, outputs=(base,))
-    decision = run.see(*FAR)
-    assert decision.commands[0].linear_mps == pytest.approx(0.1)
-    assert decision.outputs[0].winner == "a+b"
 
 
 def test_a_base_stops_where_one_rule_of_equals_stops_it():

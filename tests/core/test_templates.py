@@ -72,12 +72,10 @@ def test_gaps_are_filled_with_what_happened():
         ("{sequence}", "12"),
         ("{first_out}", "no"),
         ("{group}", "door"),
-        ("{by}", ""),
         ("{time}", TIME),
         ("{distance_m:8.2f}|", "    0.41|"),
         ("{rule:>8}|{rule:<8}|{rule:.2}", "    near|near    |ne"),
         ("{{rule}} stays, {rule} goes", "{rule} stays, near goes"),
-        ("100 % & <b>", "100 % & <b>"),
     ],
 )
 def test_each_field_has_its_unit_and_may_be_written_otherwise(text, expected):
@@ -120,9 +118,7 @@ def test_in_json_a_number_alone_stays_a_number_and_what_is_not_known_is_null():
     [
         ("{distence_m}", "there is no field 'distence_m'"),
         ("{}", "names no field"),
-        ("{0}", "there is no field '0'"),
         ("{rule.__class__}", "the name of a field and nothing else; write {rule}"),
-        ("{rule.__class__.__mro__}", "write {rule}"),
         ("{rule[0]}", "write {rule}"),
         ("{__class__}", "there is no field '__class__'"),
         ("{rule!r}", "cannot convert; write {rule}"),

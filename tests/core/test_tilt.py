@@ -14,7 +14,7 @@ from stadimeter.core.base_report import BaseReport
 from stadimeter.core.command import TwistCommand
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.ego_motion import EgoMotion
-from stadimeter.core.measurement import Measurement, MeasurementStatus, Sighting
+from stadimeter.core.measurement import Sighting
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.rule import FollowRule
@@ -24,6 +24,7 @@ from stadimeter.core.rules.follow_law import Law, tilt_rate_radps
 from stadimeter.core.rules.own_motion import FloorPose
 from stadimeter.core.rules.target_motion import RelativeTarget, step_target_motion
 from stadimeter.core.target_innovation import step_innovation
+from support.observing import measured
 
 RULE = FollowRule(name="look", target="ball", output="base", distance_m=1.0, linear_max_mps=0.0)
 LAW = Law(turn_gain_per_s=1.5)
@@ -78,17 +79,7 @@ def commands_of(base: BaseOutput, seconds: float = 2.0, elevation_rad: float = 0
     state, told = initial_state(Plan(targets=("ball",), rules=(RULE,), outputs=(base,))), []
     for number in range(round(seconds / FRAME_S)):
         at_s = 10.0 + number * FRAME_S
-        seen = Measurement(
-            target="ball",
-            status=MeasurementStatus.MEASURED,
-            captured_at_s=at_s,
-            distance_m=2.0,
-            depth_m=1.9,
-            sigma_m=0.01,
-            noise_m=0.01,
-            bearing_rad=0.0,
-            elevation_rad=elevation_rad,
-        )
+        seen = replace(measured("ball", at_s, 2.0), elevation_rad=elevation_rad)
         frame = FrameStamp(sequence=number, captured_at_s=at_s)
         observation = Observation(now_s=at_s + 0.03, frame=frame, measurements=(seen,))
         state, decision = decide(state, observation)
@@ -149,17 +140,7 @@ def test_a_tilt_that_is_no_number_counts_as_it_was() -> None:
 
 
 def test_a_target_that_a_tilted_camera_keeps_in_the_middle_stays_where_it_is_on_the_map() -> None:
-    seen = Measurement(
-        target="ball",
-        status=MeasurementStatus.MEASURED,
-        captured_at_s=1.0,
-        distance_m=2.0,
-        depth_m=2.0,
-        sigma_m=0.01,
-        noise_m=0.01,
-        bearing_rad=0.0,
-        elevation_rad=0.0,
-    )
+    seen = measured("ball", 1.0, 2.0)
     level, tilted = step_innovation(None, seen, turned(0.0)), step_innovation(None, seen, turned(0.6))
     assert level is not None
     assert tilted is not None

@@ -48,17 +48,6 @@ def test_as_many_outliers_as_allowed_are_refused_and_one_more_is_believed(outlie
     assert state.track.rejected == 0
 
 
-def test_outliers_that_agree_with_each_other_for_three_frames_are_the_target():
-    settings = replace(SETTINGS, coast_s=10.0, outliers_max=5)
-    state = tracked(coast_s=10.0, outliers_max=5)
-    for number, distance_m in enumerate((7.0, 7.02), start=1):
-        state = see(state, distance_m, settings=settings)
-        assert (state.track.status, state.track.rejected) == (TrackStatus.COASTING, number)
-    state = see(state, 6.99, settings=settings)
-    assert (state.track.status, state.track.rejected) == (TrackStatus.TRACKING, 0)
-    assert state.track.distance_m == pytest.approx(7.0, abs=0.05)
-
-
 def test_frames_without_the_target_between_outliers_that_agree_do_not_count_against_them():
     settings = replace(SETTINGS, coast_s=10.0, outliers_max=5)
     state = see(tracked(coast_s=10.0, outliers_max=5), 7.0, None, 7.0, None, 7.0, settings=settings)
@@ -91,11 +80,6 @@ def test_three_sights_that_are_on_no_line_are_no_target():
 def test_a_line_that_no_target_is_fast_enough_for_is_none():
     settings = replace(SETTINGS, confirm_frames=2)
     assert see(new_track("ball"), 5.0, 10.0, 15.0, settings=settings).track.status is TrackStatus.SEARCHING
-
-
-def test_a_target_counts_in_exactly_the_frame_that_completes_the_row():
-    assert see(new_track("ball"), 2.0, 2.0).track.status is TrackStatus.SEARCHING
-    assert see(new_track("ball"), 2.0, 2.0, 2.0).track.status is TrackStatus.TRACKING
 
 
 def test_a_miss_begins_the_row_anew_and_says_why():
@@ -184,8 +168,3 @@ def test_a_target_that_has_been_at_rest_for_long_is_doubted_again():
     believed = see(tracked(), 1.8, 1.8)
     settled = see(believed, *[1.8] * 40)
     assert see(settled, 2.0).track.status is TrackStatus.COASTING
-
-
-def test_two_errors_to_different_sides_are_not_a_leap():
-    doubted = see(tracked(), 1.8)
-    assert see(doubted, 2.2).track.status is TrackStatus.COASTING
