@@ -10,16 +10,12 @@ from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.conditions.compounds import AnyOf
 from stadimeter.core.conditions.discrete import RuleCondition
 from stadimeter.core.rule import AlarmRule
+from support.simulated_run import SIMULATED_BALL
 
-TWO_TARGETS = """\
-[camera]
-driver = "simulated"
-model = { width_px = 640, height_px = 480, fx_px = 600.0 }
+TWO_TARGETS = f"""{SIMULATED_BALL}
 [world]
 [messenger]
 driver = "simulated"
-[targets.ball]
-detector = "ideal"
 [targets.code]
 detector = "ideal"
 max_closing_speed = "5 m/s"

@@ -34,7 +34,7 @@ BROKEN = [
     (f'{NEAR}when = {{ above = "2 m", below = "1 m" }}', "(exchange the two, or make two rules of them)"),
     (f'{NEAR}when = {{ between = ["2 m", "2 m"] }}', "rules.near.when.between: no distance is above 2 m and below 2 m"),
     (f'{NEAR}when = {{ above = "1 m", deadband = "1 m" }}', "rules.near.when.deadband: with a deadband of 1 m above"),
-    (f'{NEAR}when = {{ below = "1 m", probability_off = 0.9 }}', "probability_off 0.9 is above probability 0.7: the"),
+    (f'{NEAR}when = {{ below = "1 m", probability_off = 0.9 }}', "probability_off 0.9 is above probability 0.7"),
     (f'{NEAR}severity = "safety"\nwhen = {{ below = "1 m", probability_off = 0.6 }}', "0.6 is above probability 0.5"),
     (f'{NEAR}when = {{ below = "1 m" }}\non_delay = {{ frames = 5, of = 3 }}', "rules.near.on_delay: 5 of 3 frames"),
     (f'{NEAR}when = {{ below = "1 m" }}\nlost = {{ grace = "2 s", fault_after = "1 s" }}', "is shorter than grace 2 s"),
@@ -101,12 +101,8 @@ def test_a_port_and_a_pin_belong_to_one_driver_each(told: Told, sound: str, monk
     install_winch(monkeypatch)
     winch = '[actuators.winch]\ndriver = "test-winch"\nbrake = {}\nline = {{ port = "/dev/ttyUSB{}" }}\n'
     (port,), (pin,) = (told(sound + winch.format(*taken)) for taken in ((2, 0), (18, 1)))
-    assert port.startswith(
-        "base.port: serial port /dev/ttyUSB0 is used twice: by actuators.winch.line.port and by base."
-    )
-    assert pin.startswith(
-        "actuators.winch.brake: pin 18 is used twice: by actuators.motor.pin and by actuators.winch.b"
-    )
+    assert port.startswith("base.port: serial port /dev/ttyUSB0 is used twice: by actuators.winch.line.port and by ")
+    assert pin.startswith("actuators.winch.brake: pin 18 is used twice: by actuators.motor.pin and by ")
 
 
 def test_a_pin_may_also_be_wanted_by_none(load: Load, sound: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -94,26 +94,15 @@ def test_what_a_stream_means_for_motion_is_warned_of(
     assert said_of_the_camera(tmp_path, TELLS, device, more) == []
 
 
-BASE = """
+BASE = f"""{SIMULATED_BALL}
 [world]
-[camera]
-driver = "simulated"
-[camera.model]
-width_px = 640
-height_px = 480
-fx_px = 600.0
-fy_px = 600.0
-cx_px = 319.5
-cy_px = 239.5
-[targets.ball]
-detector = "ideal"
 [base]
 driver = "ros-arduino-bridge"
-port = "{port}"
+port = "{{port}}"
 wheel_diameter = "65 mm"
 ticks_per_turn = 1440
 track_width = "16 cm"
-{more}
+{{more}}
 """
 
 

@@ -9,24 +9,14 @@ from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.summary import RememberedFigure, Window
 from stadimeter.core.rule import ReportRule
 from stadimeter.errors import ConfigError
+from support.simulated_run import SIMULATED_BALL
 
-AROUND = """
-[camera]
-driver = "simulated"
-[camera.model]
-width_px = 640
-height_px = 480
-fx_px = 600.0
-fy_px = 600.0
-cx_px = 319.5
-cy_px = 239.5
+AROUND = f"""{SIMULATED_BALL}
 [world]
 [messenger]
 driver = "simulated"
-[targets.ball]
-detector = "ideal"
 [rules.near]
-when = { below = "1 m" }
+when = {{ below = "1 m" }}
 """
 OFTEN = '[rules.often]\nwhen = { count = { rule = "near", at_least = 3, within = "1 min" } }\n'
 NEAREST = '[figures.nearest]\nstatistic = "minimum"\nwithin = "today"\n'

@@ -37,13 +37,6 @@ def test_a_name_in_any_case_gives_both_sides(name: str) -> None:
     assert 0.03 < min(width_m, height_m) < max(width_m, height_m) < 1
 
 
-def test_each_a_size_is_half_of_the_one_before() -> None:
-    for larger, smaller in zip(("A1", "A2", "A3", "A4", "A5"), ("A2", "A3", "A4", "A5", "A6"), strict=True):
-        (width, height), (half_width, half_height) = (map(parse_length, PAPER[each]) for each in (larger, smaller))
-        assert half_height == width
-        assert half_width == pytest.approx(height / 2, abs=0.0006)
-
-
 def test_a_configuration_may_name_the_size(tmp_path: Path) -> None:
     (target,) = load_configuration(configured(tmp_path, 'size = "A4"')).targets
     assert (target.options.width, target.options.height) == pytest.approx((0.21, 0.297))

@@ -91,10 +91,6 @@ def test_a_button_that_cannot_mean_what_it_says_is_refused(
     assert problems(tmp_path, button(*keys)) == found
 
 
-def test_a_pin_is_used_once_by_whatever_is_on_it(tmp_path: Path) -> None:
-    assert problems(tmp_path, LED, button(pin=17)) == [("used-twice", "buttons.front.pin")]
-
-
 def test_a_pin_that_the_pi_itself_uses_is_warned_of(tmp_path: Path) -> None:
     found = [(each.code, each.key) for each in load(tmp_path, button(pin=3)).warnings if each.code == "pin-taken"]
     assert found == [("pin-taken", "buttons.front.pin")]

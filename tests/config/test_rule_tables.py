@@ -269,15 +269,6 @@ def test_what_is_wrong_with_a_ramp_is_said(tmp_path: Path, subtests: pytest.Subt
             assert found.line == PARTS.count("\n") + 4
 
 
-def test_a_table_of_points_is_described(tmp_path: Path) -> None:
-    keys = 'points = [ { at = "1 m", level = 1 }, { at = "2 m", level = 0.5 }, { at = "3 m", level = 0 } ]'
-    table = f'[rules.far]\ntarget = "ball"\nactuator = "motor"\nramp = {{ {keys}, dead_zone = 0.2 }}\n'
-    assert describe(load(tmp_path, table))[-1] == (
-        "`far` drives `motor` by the distance of `ball`: full at 1.00 m (3.3 ft), 50% at 2.00 m (6.6 ft), "
-        "off at 3.00 m (9.8 ft), and not at all below 20%; off when lost."
-    )
-
-
 def test_what_an_alarm_does_besides_is_described(tmp_path: Path) -> None:
     table = """
 [rules.near]

@@ -147,11 +147,11 @@ WRONG_INPUTS = [
      ".points.0.at: the points begin at 1 s; the first must be at '0 s'"),
     ('points = [{ at = "0 s", distance = "1 m" }]', ".points: a single point takes no time"),
     (f'{HOVERS}, target = "bal"', ".target: there is no target 'bal' (did you mean 'ball'?)"),
-    ('hover = { at = "1 m", for = "1000 h" }', ": 3.6e+06 s are more than 1,000,000 frames, the most that a test may"),
+    ('hover = { at = "1 m", for = "1000 h" }', ": 3.6e+06 s are more than 1,000,000 frames"),
     (f'journal = "run.jsonl", {HOVERS}', ".hover: a recording has its own 'hover' (take it out, or the journal)"),
     (f'{HOVERS}, noise = "a bit"', ".noise: 'a bit' is neither 'model' nor 'none', nor a factor from 0 to 100"),
     (f"{HOVERS}, dropouts = 1.0", ".dropouts: 1.0 is not below 1"),
-    (f'{HOVERS}, operator = [{{ at = "1 s", reset = "nar" }}]', ".operator.0.reset: there is no rule 'nar' (did you"),
+    (f'{HOVERS}, operator = [{{ at = "1 s", reset = "nar" }}]', ".operator.0.reset: there is no rule 'nar'"),
     (f'{HOVERS}, operator = [{{ at = "1 s" }}]', ".operator.0: the entry does not say what is done"),
 ]  # fmt: skip
 IN_A_RECORDING = 'input = { journal = "run.jsonl" }\nexpect.near = { raised_within = "1 s" }\n'

@@ -120,30 +120,6 @@ def leaf_errors(error: Any) -> Iterator[Any]:
         yield from leaf_errors(inner)
 
 
-def test_keys_are_described_in_words_without_code(schema: dict[str, Any]) -> None:
-    described = list(descriptions(schema))
-    assert not [words for words in described if "None" in words or "``" in words or words.startswith("In metres")]
-    assert "Holds when it is nearer." in described
-
-
-def descriptions(schema: Any) -> Iterator[str]:
-    if isinstance(schema, dict):
-        if isinstance(schema.get("description"), str):
-            yield schema["description"]
-        for inner in schema.values():
-            yield from descriptions(inner)
-    elif isinstance(schema, list):
-        for inner in schema:
-            yield from descriptions(inner)
-
-
-def test_defaults_are_written_as_a_person_would(schema: dict[str, Any]) -> None:
-    buzzer = schema["$defs"]["actuators.buzzer"]["properties"]
-    assert buzzer["lease"]["default"] == "0.3 s"
-    assert buzzer["steady"]["default"] is False
-    assert all(Validator(inner).is_valid(inner["default"]) for inner in buzzer.values() if "default" in inner)
-
-
 @pytest.mark.long
 def test_a_driver_whose_library_is_missing_may_have_any_keys(monkeypatch: pytest.MonkeyPatch) -> None:
     load = plugins.load_driver

@@ -11,17 +11,9 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, leaves, targets_of
 from stadimeter.core.rule import gate_of
 from stadimeter.errors import ConfigError
+from support.simulated_run import SIMULATED_BALL
 
-BASIS = """
-[camera]
-driver = "simulated"
-[camera.model]
-width_px = 640
-height_px = 480
-fx_px = 600.0
-fy_px = 600.0
-cx_px = 319.5
-cy_px = 239.5
+BASIS = f"""{SIMULATED_BALL.partition("[targets.ball]")[0]}
 [world]
 [actuators.buzzer]
 driver = "simulated"

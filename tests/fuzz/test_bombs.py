@@ -135,13 +135,6 @@ def assert_refused(run_measured: Run, path: Path, *arguments: object, lines: int
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["endless", "digits"])
-def test_a_configuration_like_that_is_refused(tmp_path: Path, run_measured: Run, kind: str) -> None:
-    TEXTS[kind](tmp_path / "bomb.toml")
-    assert_refused(run_measured, tmp_path / "bomb.toml", "run", tmp_path / "bomb.toml")
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("kind", TEXTS)
 def test_a_configuration_that_asks_for_too_much_is_refused(tmp_path: Path, run_measured: Run, kind: str) -> None:
     path = tmp_path / "bomb.toml"
