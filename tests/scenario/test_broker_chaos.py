@@ -24,11 +24,7 @@ from stadimeter.testing.rig import eventually
 from support.mqtt_listener import MqttListener
 from support.programs import needs
 
-pytestmark = [
-    pytest.mark.long,
-    pytest.mark.timeout(1200),
-    needs("mosquitto"),
-]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(1200), needs("mosquitto")]
 
 MANY = 5000
 

@@ -70,9 +70,7 @@ def run(tmp_path: Path) -> Run:
         for frame, distance_m in enumerate(distances_m):
             at_s = frame * FRAME_S
             observation = Observation(
-                now_s=at_s,
-                frame=FrameStamp(sequence=frame, captured_at_s=at_s),
-                measurements=(seen(at_s, distance_m),),
+                now_s=at_s, frame=FrameStamp(sequence=frame, captured_at_s=at_s), measurements=(seen(at_s, distance_m),)
             )
             state, decision = decide(state, observation)
             outcome.events.extend((event.kind.value, frame) for event in decision.events if event.source == "near")

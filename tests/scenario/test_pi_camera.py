@@ -94,13 +94,3 @@ def test_calibrating_records_how_the_camera_was_set_and_a_run_with_the_same_sett
     distances_m = [float(found) for found in re.findall(r'"distance_m":\s*([\d.]+)', journal.read_text())]
     assert distances_m
     assert distances_m == pytest.approx([2.1] * len(distances_m), rel=0.02)
-
-
-@pytest.mark.long
-def test_a_run_with_another_crop_is_refused_and_says_what_to_set(sensor: Sensor, configuration: Path) -> None:
-    sensor.keeps = {"ScalerCrop": (768, 432, 3072, 1728)}
-    done = run(configuration)
-    assert done.exit_code == 2
-    assert "calibrated with another crop of the sensor: [0, 0, 4608, 2592], now it is [768, 432" in done.output
-    assert "set crop_px = [0, 0, 4608, 2592]" in done.output
-    assert sensor.held == 0
