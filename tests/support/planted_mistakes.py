@@ -13,7 +13,7 @@ import pytest
 from msgspec import Struct
 from msgspec.structs import replace
 
-from contract import test_actuators, test_bases, test_buttons, test_messengers, test_notifiers
+from contract import test_actuators, test_bases, test_messengers
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, LinkLostError
 from stadimeter.testing.actuator_contract import ActuatorContract, ButtonContract
 from stadimeter.testing.messaging_contract import MessengerContract, NotifierContract
@@ -166,7 +166,7 @@ class TestActuators(ActuatorContract):
 class TestButtons(ButtonContract):
     @pytest.fixture
     def make_rig(self, name: str) -> Callable[[], Any]:
-        return planted(test_buttons.gpiozero_rig, name)
+        return planted(test_actuators.gpiozero_button_rig, name)
 
 
 @pytest.mark.parametrize("name", BASE)
@@ -189,7 +189,7 @@ class TestMessengers(MessengerContract):
 class TestNotifiers(NotifierContract):
     @pytest.fixture
     def make_rig(self, name: str) -> Callable[[], Any]:
-        return planted(test_notifiers.simulated_rig, name)
+        return planted(test_messengers.simulated_notifier_rig, name)
 
 
 class TestActuatorWhoseRigNamesNoFaults(ActuatorContract):
