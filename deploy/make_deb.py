@@ -44,7 +44,6 @@ main()
 SYSTEM_FILES = {
     "stadimeter.service": "usr/lib/systemd/system/stadimeter.service",
     "stadimeter-web.service": "usr/lib/systemd/system/stadimeter-web.service",
-    "stadimeter-fleet.service": "usr/lib/systemd/system/stadimeter-fleet.service",
     "avahi/stadimeter.service": "usr/share/stadimeter/avahi.service",
     "99-stadimeter.rules": "usr/lib/udev/rules.d/99-stadimeter.rules",
     "modules-load.conf": "usr/lib/modules-load.d/stadimeter.conf",

@@ -9,7 +9,7 @@ from live_view_svg import save_svg
 
 from stadimeter.cli.fleet_view import FleetScreen
 from stadimeter.messaging.protocol import Received
-from stadimeter.workbench.fleet.devices import Fleet
+from stadimeter.workbench.fleet import Fleet
 
 NOW_S = 1000.0
 _NOON = "2026-06-01T12:00:03"  # in the time zone of whoever looks, so that it is the same picture everywhere
@@ -17,7 +17,7 @@ _NOON = "2026-06-01T12:00:03"  # in the time zone of whoever looks, so that it i
 
 def shown_fleet() -> Fleet:
     """Return the fleet of the picture, from the messages that its devices sent."""
-    fleet = Fleet("stadimeter", lambda _device, _event: None)
+    fleet = Fleet("stadimeter")
 
     def say(topic: str, payload: object, ago_s: float) -> None:
         data = payload.encode() if isinstance(payload, str) else json.dumps(payload).encode()

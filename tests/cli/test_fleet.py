@@ -22,7 +22,7 @@ from stadimeter.cli import fleet
 from stadimeter.cli.fleet_view import FleetScreen
 from stadimeter.messaging.protocol import Received
 from stadimeter.testing.rig import eventually
-from stadimeter.workbench.fleet.devices import STALE_S, Fleet
+from stadimeter.workbench.fleet import STALE_S, Fleet
 from support.broker import HOST, MosquittoBroker, free_port
 from support.command_line import Typed, typed
 from support.simulated_run import SIMULATED_BALL
@@ -178,7 +178,6 @@ def test_no_answer_of_the_broker_is_exit_code_2(what: tuple[str, ...], monkeypat
         (("--host", HOST, "--password-file", "none"), "options: messenger: password_file is given without a username"),
         (("--host", HOST, "--wait", "long"), "--wait: "),
         (("--host", HOST, "--acknowledge", "near"), "--acknowledge: 'stadimeter/near' is no NODE/RULE"),
-        (("--events", "none.txt"), "none.txt"),
     ],
 )
 def test_what_cannot_be_meant_is_said_in_a_line(words: tuple[str, ...], error: str) -> None:
@@ -203,12 +202,6 @@ def test_the_broker_of_a_configuration_is_used_and_options_go_before_it(
     eventually(lambda: says("garage: offline", "--below", "stadimeter"))
     config.write_text(config.read_text().replace(str(broker.port), str(free_port())))
     eventually(lambda: says("hall/there: offline", "--port", broker.port))
-
-
-def test_an_alarm_that_stands_since_yesterday_is_stale_at_once(broker: MosquittoBroker, device: Client) -> None:
-    say(device, "garage/rule/near/state", {"active": True, "severity": "alarm", "since": "2020-06-01T12:00:00+00:00"})
-    say(device, "garage/rule/far/state", {"active": True, "severity": "alarm", "since": "no time"})
-    eventually(lambda: json.loads(fleet_at(broker.port, "--figures", "--json").stdout)["stale"] == ["garage/near"])
 
 
 class Responder:
@@ -322,7 +315,7 @@ def drawn(fleet: Fleet, now_s: float, *, trouble: str = "", width: int = 120, he
 
 
 def fleet_of(count: int) -> Fleet:
-    fleet = Fleet("stadimeter", lambda *_: None)
+    fleet = Fleet("stadimeter")
     for number in range(count):
         tell(fleet, f"node-{number:03}/availability", b"online")
         tell(fleet, f"node-{number:03}/target/ball/state", {"seq": 1, "status": "tracking", "distance_m": 1.482})

@@ -147,7 +147,6 @@ WRITES_FILES = {"write_text", "write_bytes", "imwrite", "savefig", "tofile", "sa
 SAVES = {
     "app/service.py": "a counter of failed starts, which counts from 0 where it cannot be read",
     "workbench/bench.py": "into a temporary folder",
-    "workbench/fleet/desired.py": "into a temporary folder",
     "workbench/doctor/examination.py": "a list for a program that only reads it, which is deleted after",
     "web/passwords.py": "a hidden file first, as there; the page imports nothing of `config`",
 }
@@ -213,9 +212,6 @@ LOOKS = {
     "workbench/colour_aids.py": "how a name is split; reading fails by itself",
     "workbench/doctor/computer.py": "a finding",
     "workbench/doctor/examined.py": "a finding",
-    "workbench/fleet/desired.py": "why no signature is believed; ssh-keygen fails by itself",
-    "workbench/fleet/rollout.py": "an early refusal; signing fails by itself",
-    "workbench/fleet/trial.py": "which recording is the newest; reading fails by itself",
     "workbench/run_camera.py": "why there is no picture",
     "workbench/server/teaching.py": "which files are recordings; reading fails by itself",
     "workbench/saving.py": "under the lock of every saver, or a list of what is kept",

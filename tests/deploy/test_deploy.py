@@ -54,7 +54,7 @@ def test_shellcheck_finds_nothing(deploy, script):
     assert result.returncode == 0, result.stdout
 
 
-UNITS = ("stadimeter.service", "stadimeter-web.service", "stadimeter-fleet.service")
+UNITS = ("stadimeter.service", "stadimeter-web.service")
 
 
 @pytest.fixture(params=UNITS)
@@ -79,12 +79,6 @@ def test_each_unit_is_as_closed_as_what_serves_a_network_can_be(unit):
     if found is None:
         pytest.skip(f"systemd-analyze cannot judge a unit that is not running: {result.stderr.strip()}")
     assert float(found[1]) <= 1.8
-
-
-def test_the_unit_of_the_fleet_may_use_no_device(deploy):
-    lines = (deploy / "stadimeter-fleet.service").read_text().splitlines()
-    assert "PrivateDevices=yes" in lines
-    assert not [line for line in lines if line.startswith(("DeviceAllow=", "SupplementaryGroups="))]
 
 
 class TestUnitOfThePage:

@@ -22,7 +22,6 @@ PACKAGES = {
     "prometheus": "prometheus",
     "promtool": "prometheus",
     "shellcheck": "shellcheck",
-    "ssh-keygen": "openssh-client",
     "strace": "strace",
     "systemd-analyze": "systemd",
     "unshare": "util-linux",

@@ -1,4 +1,4 @@
-"""The command ``fleet``: every device at a broker, one list of standing alarms, and figures of the alarms."""
+"""The command ``fleet``: every device at a broker, and one list of standing alarms."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import time
 import uuid
 from collections.abc import Mapping
 from contextlib import closing, suppress
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,16 +18,14 @@ from rich.console import Console
 from rich.live import Live
 
 from stadimeter.cli.exits import NOT_FOUND, ConfigArgument, configuration_path, plain_errors, read_option
-from stadimeter.cli.fleet_view import FleetScreen, explained_lines, figure_lines
+from stadimeter.cli.fleet_view import FleetScreen
 from stadimeter.cli.operate import ByOption, JsonOption, print_answer, who
 from stadimeter.config.loader import load_messenger_choice
 from stadimeter.config.units import parse_duration
 from stadimeter.core.words import one_line
 from stadimeter.errors import ConfigError, ControlError, Problem
 from stadimeter.messaging.protocol import Received, Subscribes
-from stadimeter.workbench.fleet.alarm_figures import AlarmFigures, figures_of
-from stadimeter.workbench.fleet.devices import Fleet
-from stadimeter.workbench.fleet.report import fleet_record, troubles
+from stadimeter.workbench.fleet import Fleet, fleet_record, troubles
 
 REFRESH_S = 0.5
 CONNECT_S = 5.0
@@ -45,14 +42,9 @@ Below = Annotated[
     str | None, typer.Option("--below", metavar="TOPIC", help="What the topics of the devices begin with: stadimeter.")
 ]
 Check = Annotated[bool, typer.Option("--check", help="Print what is wrong, and end with an exit code.")]
-Figures = Annotated[bool, typer.Option("--figures", help="Print figures of the alarms, after --wait or Ctrl+C.")]
-Events = Annotated[
-    Path | None, typer.Option("--events", metavar="FILE", help="Figures of a file that mosquitto_sub -v wrote.")
-]
 Acknowledge = Annotated[
     str | None, typer.Option("--acknowledge", metavar="NODE/RULE", help="Acknowledge an alarm of a device.")
 ]
-Explain = Annotated[str | None, typer.Option("--explain", metavar="NODE", help="Print what a device runs, and why.")]
 Wait = Annotated[
     str | None, typer.Option("--wait", metavar="TIME", help='How long to listen first, such as "20 s"; by default 6 s.')
 ]
@@ -69,10 +61,7 @@ def fleet(
     below: Below = None,
     wait: Wait = None,
     check: Check = False,
-    figures: Figures = False,
-    events: Events = None,
     acknowledge: Acknowledge = None,
-    explain: Explain = None,
     by: ByOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -91,18 +80,10 @@ def fleet(
 
     - `stadimeter fleet config/appliance.toml --acknowledge garage/too-close`
 
-    - `stadimeter fleet config/appliance.toml --explain garage`
-
-    - `stadimeter fleet --figures --events events.txt`
-
     **Exit code**: 0 done; with --check all are online and no alarm of severity alarm or safety stands; 1 with --check
-    something is wrong, with --acknowledge the device refused, with --explain it says nothing; 2 the broker or the
-    device does not answer.
+    something is wrong, with --acknowledge the device refused; 2 the broker or the device does not answer.
     """
     with plain_errors():
-        if events is not None:
-            _print_figures(figures_of(events), as_json=as_json)
-            return
         options = {"host": host, "port": port, "username": username, "tls": tls or None}
         options |= {"password_file": _absolute(password_file), "ca_file": _absolute(ca_file)}
         messenger = broker_of(config if host else configuration_path(config), options)
@@ -112,13 +93,7 @@ def fleet(
             _acknowledge(messenger, f"{root}/{acknowledge}", who(by), wait_s or 10.0, as_json=as_json)
             return
         with closing(FleetConnection(messenger, root)) as listener:
-            if explain is not None:
-                listener.listen(3.0 if wait_s is None else wait_s)
-                _print_explained(listener, explain, as_json=as_json)
-            elif figures:
-                listener.listen(600.0 if wait_s is None else wait_s)
-                _print_figures(listener.figures_now(), as_json=as_json)
-            elif as_json or check or not sys.stdout.isatty():
+            if as_json or check or not sys.stdout.isatty():
                 listener.listen(6.0 if wait_s is None else wait_s)
                 _print_once(listener, check=check, as_json=as_json)
             else:
@@ -126,16 +101,10 @@ def fleet(
 
 
 class FleetConnection:
-    """A connection, and the fleet and the figures that are made from what it brings."""
+    """A connection, and the fleet that is made from what it brings."""
 
     def __init__(self, messenger: Subscribes, root: str) -> None:
-        self.figures = AlarmFigures(time.monotonic())
-        self.fleet = Fleet(
-            root,
-            lambda device, event: self.figures.take(
-                time.monotonic(), f"{device}/{event.rule}", event.event_type, is_annunciated=event.notify
-            ),
-        )
+        self.fleet = Fleet(root)
         self.place = messenger.place
         self.subscription = messenger.subscribe(self.fleet.filters, self._take)
 
@@ -161,14 +130,6 @@ class FleetConnection:
                 self.subscription.serve(left_s)
         if trouble := self.subscription.trouble():
             raise ControlError(trouble)
-
-    def figures_now(self) -> dict[str, Any]:
-        """Return the figures of the alarms since the listening began; those that stood before may be stale."""
-        for alarm in self.fleet.standing:
-            with suppress(ValueError, OverflowError):  # a device's time that is none
-                stands_s = time.time() - datetime.fromisoformat(alarm.since).timestamp()
-                self.figures.note_standing(f"{alarm.device}/{alarm.rule}", time.monotonic() - stands_s)
-        return self.figures.figures(time.monotonic())
 
     def screen(self) -> FleetScreen:
         """Return the fleet as it is now."""
@@ -229,8 +190,8 @@ def _print_once(listener: FleetConnection, *, check: bool, as_json: bool) -> Non
     now_s = time.monotonic()
     found = troubles(listener.fleet, now_s)
     if as_json:
-        record = {**fleet_record(listener.fleet, now_s), "figures": listener.figures_now()}
-        typer.echo(json.dumps({"broker": listener.place, **record, "troubles": found}, ensure_ascii=False))
+        record = {"broker": listener.place, **fleet_record(listener.fleet, now_s), "troubles": found}
+        typer.echo(json.dumps(record, ensure_ascii=False))
     elif check:
         typer.echo("\n".join(found) or f"{len(listener.fleet.devices)} devices are online, and no serious alarm stands")
     else:
@@ -239,19 +200,6 @@ def _print_once(listener: FleetConnection, *, check: bool, as_json: bool) -> Non
             console.print(line)
     if check and found:
         raise typer.Exit(NOT_FOUND)
-
-
-def _print_explained(listener: FleetConnection, name: str, *, as_json: bool) -> None:
-    device = listener.fleet.devices.get(name)
-    if device is None or device.configuration is None:
-        typer.echo(f"error: {one_line(name)} says nothing of its configuration; is a receiver running there?", err=True)
-        raise typer.Exit(NOT_FOUND)
-    record = msgspec.to_builtins(device.configuration)
-    typer.echo(json.dumps(record, ensure_ascii=False) if as_json else "\n".join(explained_lines(device.configuration)))
-
-
-def _print_figures(figures: Mapping[str, Any], *, as_json: bool) -> None:
-    typer.echo(json.dumps(figures, ensure_ascii=False) if as_json else "\n".join(figure_lines(figures)))
 
 
 def _absolute(path: Path | None) -> str | None:

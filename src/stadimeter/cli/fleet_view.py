@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from datetime import datetime
-from typing import Any
 
 from msgspec import Struct
 from rich.console import Console, ConsoleOptions
@@ -13,10 +12,7 @@ from rich.text import Text
 
 from stadimeter.cli.formatting import UNKNOWN, format_distance, format_time
 from stadimeter.cli.layout import fit, heading
-from stadimeter.core.words import rounded_duration
-from stadimeter.workbench.fleet.devices import STALE_S, Device, Fleet, StandingAlarm
-from stadimeter.workbench.fleet.report import age_s
-from stadimeter.workbench.fleet.reports import FleetOutcome, FleetReport
+from stadimeter.workbench.fleet import STALE_S, Device, Fleet, StandingAlarm, age_s
 
 _STATUS_STYLES = {"online": "green", "offline": "bold red", "silent": "bold red", "unknown": "yellow"}
 _SEVERITY_STYLES = {"info": "cyan", "warning": "yellow"}
@@ -80,8 +76,6 @@ class FleetScreen(Struct, frozen=True):
         standing.append(f" {len(device.unjudged)} unknown" if device.unjudged else "", "yellow")
         targets = Text("  ").join(self._target(device, name) for name in sorted(device.targets))
         targets.append(f"  {device.unreadable} unreadable" if device.unreadable else "", "red")
-        report = device.configuration
-        targets.append(f"  {report.newest.status}" if report and report.newest and report.why_not() else "", "yellow")
         columns = [
             (Text(device.name), max(12, width // 5)),
             (Text(status, _STALE if self.trouble else _STATUS_STYLES[status]), 8),
@@ -126,41 +120,3 @@ def _local_time(text: str) -> str:
 
 def _more(count: int, shown: int) -> tuple[tuple[str, str], ...]:
     return ((f"{count}, {count - shown} of them not shown", "yellow") if count > shown else (str(count), "dim"),)
-
-
-def explained_lines(report: FleetReport) -> Iterator[str]:
-    """Yield in words what a device runs, why, and why not what it was sent last."""
-    yield f"runs a configuration with the SHA-256 {report.sha256}"
-    if report.applied is not None:
-        yield f"applied: {_origin(report.applied)}"
-    if report.is_edited:
-        yield "its file was edited on the device since"
-    if report.newest is not None and report.newest.status != "applied":
-        yield f"sent last: {_origin(report.newest)}"
-        yield report.why_not()
-    if report.rejected.count:
-        yield f"{report.rejected.count} messages were rejected, the last since {report.rejected.sentence}"
-    if report.clock:
-        yield report.clock
-
-
-def _origin(outcome: FleetOutcome) -> str:
-    revision = outcome.revision
-    return f"{revision.reason} (commit {revision.commit[:12]}, signed by {outcome.by}, {outcome.at})"
-
-
-def figure_lines(figures: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the figures of the alarms in words."""
-    yield f"{figures['alarms']} alarms in {rounded_duration(figures['seconds'])}"
-    yield f"{figures['alarms_per_10_min']:g} alarms per 10 minutes, at most {figures['most_in_10_min']}"
-    flood = rounded_duration(figures["flood_seconds"])
-    yield f"floods (more than 10 alarms in 10 minutes): {figures['floods']}, {flood} in all"
-    waits = [figures["acknowledge_median_s"], figures["acknowledge_p95_s"]]
-    if None not in waits:
-        median, p95 = map(rounded_duration, waits)
-        yield f"time to acknowledge, of {figures['acknowledged']}: median {median}, p95 {p95}"
-    yield f"chattering (three times within a minute): {', '.join(figures['chattering']) or 'none'}"
-    yield f"stale (standing for more than 24 h): {', '.join(figures['stale']) or 'none'}"
-    yield from (f"{each['count']:6}  {each['percent']:5.1f} %  {each['alarm']}" for each in figures["top"])
-    if figures["passed_over"]:
-        yield f"passed over: {figures['passed_over']} events"

@@ -87,7 +87,6 @@ _PLACES = {
     "disarm": "operate:disarm",
     "clip": "operate:clip",
     "alarm": "operate:alarm",
-    "fleet": "fleet_commands:fleet",
 }
 
 

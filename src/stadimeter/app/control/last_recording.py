@@ -1,7 +1,6 @@
 """The last hour of a run, kept on disk: recordings without pictures, one after another, of which old ones go.
 
-A fleet tries a configuration on what a device has seen of late. People who ask why an alarm sounded have seldom begun a
-recording before it.
+People who ask why an alarm sounded have seldom begun a recording before it.
 """
 
 from __future__ import annotations

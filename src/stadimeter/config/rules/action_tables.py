@@ -23,7 +23,7 @@ JSON_MAX_DEPTH = 20
 
 # First words of the topics that the program itself publishes below its base topic.
 OWN_TOPICS = (
-    "availability", "camera", "configuration", "desired", "event", "health", "info", "request", "response", "retained",
+    "availability", "camera", "event", "health", "info", "request", "response", "retained",
     "figure", "rule", "snapshot", "target",
 )  # fmt: skip
 

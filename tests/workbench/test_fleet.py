@@ -15,9 +15,8 @@ from stadimeter.core.decision import Decision, RuleStatus, RuleTrace, SafetyMode
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.messaging.protocol import Received
-from stadimeter.workbench.fleet import devices
-from stadimeter.workbench.fleet.devices import STALE_S, AlarmEvent, Fleet
-from stadimeter.workbench.fleet.report import fleet_record, troubles
+from stadimeter.workbench import fleet as devices
+from stadimeter.workbench.fleet import STALE_S, Fleet, fleet_record, troubles
 
 NOON = "2026-06-01T12:00:00.000+00:00"
 
@@ -26,8 +25,7 @@ class Heard:
     """A fleet, and what it is sent."""
 
     def __init__(self, root: str = "stadimeter") -> None:
-        self.events: list[tuple[str, AlarmEvent]] = []
-        self.fleet = Fleet(root, lambda device, event: self.events.append((device, event)))
+        self.fleet = Fleet(root)
         self.now_s = 1000.0
 
     def say(self, topic: str, payload: object, *, is_retained: bool = False, expires_s: int | None = None) -> None:
@@ -223,13 +221,13 @@ values = st.recursive(
 )
 keys = st.sampled_from([
     "seq", "status", "distance_m", "sigma_m", "active", "severity", "acknowledged", "inhibits", "since", "reason", "id",
-    "event_type", "rule", "ts", "notify", "version", "configuration_sha256", "boot_id",
+    "version", "configuration_sha256", "boot_id",
 ])  # fmt: skip
 payloads = st.binary(max_size=60) | st.dictionaries(keys, values, max_size=8).map(
     lambda each: json.dumps(each).encode()
 )
 endings = st.sampled_from([
-    "availability", "info", "event/alarm", "target/ball/state", "rule/near/state", "rule/near/availability", "state",
+    "availability", "info", "target/ball/state", "rule/near/state", "rule/near/availability", "state",
 ])  # fmt: skip
 levels = st.lists(
     st.sampled_from(["garage", "hall", "rule", "target", "event", "state", "\x1b", "a" * 400]), max_size=4

@@ -8,19 +8,16 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable
 from typing import Annotated, Any, TypeVar
 
 import msgspec
 from msgspec import Meta, Struct, field
-from msgspec.structs import replace
 
 from stadimeter.app.reporting import EXPIRES_S, HEARTBEAT_S
 from stadimeter.core.bounds import MAX_LENGTH_M
 from stadimeter.core.decision import Severity
 from stadimeter.core.words import one_line
 from stadimeter.messaging.protocol import Received
-from stadimeter.workbench.fleet.reports import FleetReport
 
 # A device reports its targets every `HEARTBEAT_S`; one of which three reports are missing is taken for dead.
 STALE_S = 3 * HEARTBEAT_S
@@ -31,15 +28,11 @@ MAX_ENTRIES_EACH = 10_000
 MAX_PAYLOAD_BYTES = 16_000
 MAX_TOPIC_CHARACTERS = 300
 MAX_TEXT_CHARACTERS = 200
-MAX_SENTENCE_CHARACTERS = 600
-MAX_EVENT_IDS = 10_000
 
 # The levels of a base topic below its first: ``stadimeter/<node>``, ``stadimeter/<site>/<node>`` and so on.
 MAX_LEVELS = 3
-_KINDS = ("availability", "info", "configuration", "event/alarm", "target/+/state", "rule/+/state")
-_TOPIC = re.compile(
-    r"(?P<base>.+?)/(?:(?P<kind>availability|info|configuration|event/alarm)|(?P<of>target|rule)/(?P<name>[^/]+)/state)"
-)
+_KINDS = ("availability", "info", "target/+/state", "rule/+/state")
+_TOPIC = re.compile(r"(?P<base>.+?)/(?:(?P<kind>availability|info)|(?P<of>target|rule)/(?P<name>[^/]+)/state)")
 _OF_RULE = re.compile(r".+/rule/[^/]+/availability")
 _AVAILABILITIES = {b"online": True, b"offline": False}
 
@@ -69,16 +62,6 @@ class _RulePayload(Struct, frozen=True):
     inhibits: list[str] = field(default_factory=list)
     since: str = ""
     reason: str = ""
-
-
-class AlarmEvent(Struct, frozen=True):
-    """What happened to a rule of a device, as the topic ``event/alarm`` has it."""
-
-    id: str
-    event_type: str
-    rule: str
-    ts: str = ""
-    notify: bool = True
 
 
 class TargetReport(Struct, frozen=True):
@@ -126,7 +109,6 @@ class Device(Struct, kw_only=True):
 
     Attributes:
         is_online: What its availability says; None if it has none.
-        configuration: What its receiver of configurations says; None where there is none.
         newest_s: When its newest message was sent, on the listener's clock. Those that a broker may have kept for long
             say nothing about that, and neither does ``offline``, which the broker says for a device that is gone.
         unjudged: Its alarms of which it is not known whether they are active.
@@ -138,7 +120,6 @@ class Device(Struct, kw_only=True):
     is_online: bool | None = None
     newest_s: float | None = None
     info: DeviceInfo = DeviceInfo()
-    configuration: FleetReport | None = None
     targets: dict[str, TargetReport] = field(default_factory=dict)
     standing: dict[str, StandingAlarm] = field(default_factory=dict)
     unjudged: set[str] = field(default_factory=set)
@@ -157,19 +138,16 @@ class Fleet:
 
     Args:
         root: What the topics of all devices begin with, such as ``stadimeter``.
-        take_event: Takes the device and each event of its alarms, once, though it may come twice.
 
     Attributes:
         messages: How many came.
         passed_over: How many there was no room for, or whose topic is too long: then not all is shown.
     """
 
-    def __init__(self, root: str, take_event: Callable[[str, AlarmEvent], object]) -> None:
+    def __init__(self, root: str) -> None:
         self.root = root
         self.devices: dict[str, Device] = {}
         self.messages = self.passed_over = 0
-        self._take_event = take_event
-        self._event_ids: dict[str, None] = {}
         self._entries: Counter[str] = Counter()
         self._entry_count = 0
 
@@ -226,16 +204,10 @@ class Fleet:
             self._read_availability(device, message.payload)
         elif kind == "info":
             self._read_info(device, message.payload)
-        elif kind == "configuration":
-            found = _clean_all(_decode(message.payload or b"null", Any))
-            device.configuration = msgspec.convert(found, FleetReport | None)
         elif kind == "rule":
             self._read_rule(device, name, message.payload)
-        elif kind == "target":
+        else:
             self._read_target(device, name, message, now_s)
-        elif not message.is_retained:  # an event that was kept may be of any age
-            self._read_event(device, _decode(message.payload, AlarmEvent))
-            device.newest_s = now_s
 
     def _read_availability(self, device: Device, payload: bytes) -> None:
         if payload:
@@ -285,14 +257,6 @@ class Fleet:
         if at_s is not None:
             device.newest_s = max(at_s, device.newest_s or at_s)
 
-    def _read_event(self, device: Device, event: AlarmEvent) -> None:
-        event_id = _clean(event.id)
-        if event_id not in self._event_ids:
-            self._event_ids[event_id] = None
-            if len(self._event_ids) > MAX_EVENT_IDS:
-                del self._event_ids[next(iter(self._event_ids))]
-            self._take_event(device.name, replace(event, rule=_clean(event.rule)))
-
 
 def _sent_s(message: Received, now_s: float) -> float | None:
     """Return when the state of a target was sent: of one that the broker kept, what is left of its life says so."""
@@ -306,18 +270,59 @@ def _decode(payload: bytes, model: type[PayloadT]) -> PayloadT:
     return msgspec.json.decode(payload, type=model)
 
 
-def _clean(text: str, most: int = MAX_TEXT_CHARACTERS) -> str:
-    return one_line(text[:most])
+def _clean(text: str) -> str:
+    return one_line(text[:MAX_TEXT_CHARACTERS])
 
 
-def _clean_all(value: Any) -> Any:
-    """Return a JSON value with every text in it cleaned; a sentence of a device may be longer than a name."""
-    match value:
-        case str():
-            return _clean(value, MAX_SENTENCE_CHARACTERS)
-        case dict():
-            return {_clean(key): _clean_all(inner) for key, inner in value.items()}
-        case list():
-            return [_clean_all(inner) for inner in value]
-        case _:
-            return value
+def fleet_record(fleet: Fleet, now_s: float) -> dict[str, Any]:
+    """Return the fleet as ``fleet --json`` prints it. Ages are in seconds, and null where they are not known."""
+    return {
+        "devices": [_device_record(device, now_s) for _, device in sorted(fleet.devices.items())],
+        "alarms": [msgspec.to_builtins(alarm) for alarm in fleet.standing],
+        "messages": fleet.messages,
+        "passed_over": fleet.passed_over,
+    }
+
+
+def troubles(fleet: Fleet, now_s: float) -> list[str]:
+    """Return, as sentences, why not all is well: devices that are not online, and serious alarms that stand."""
+    found = [] if fleet.devices else [f"no device was heard below {fleet.root}/"]
+    statuses = {device.name: device.status(now_s) for device in fleet.devices.values()}
+    found += [f"{name}: {status}" for name, status in sorted(statuses.items()) if status != "online"]
+    found += [
+        f"{alarm.device}/{alarm.rule}: {alarm.severity or 'alarm of unknown severity'}: {alarm.reason}"
+        for alarm in fleet.standing
+        if alarm.is_serious
+    ]
+    if fleet.passed_over:
+        found.append(f"{fleet.passed_over} messages were passed over: there was no room for them, or no such topic")
+    return found
+
+
+def age_s(at_s: float | None, now_s: float) -> float | None:
+    """Return how old something is."""
+    return None if at_s is None else round(max(0.0, now_s - at_s), 1)
+
+
+def _device_record(device: Device, now_s: float) -> dict[str, Any]:
+    return {
+        "device": device.name,
+        "status": device.status(now_s),
+        "age_s": age_s(device.newest_s, now_s),
+        **msgspec.to_builtins(device.info),
+        "targets": [
+            {
+                "target": name,
+                "status": target.status,
+                "distance_m": target.distance_m,
+                "sigma_m": target.sigma_m,
+                "sequence": target.sequence,
+                "age_s": age_s(target.at_s, now_s),
+            }
+            for name, target in sorted(device.targets.items())
+        ],
+        "standing": len(device.standing),
+        "unjudged": sorted(device.unjudged),
+        "unreadable": device.unreadable,
+        "missed": device.missed,
+    }
