@@ -195,7 +195,6 @@ LOOKS = {
     "cameras/opencv_device.py": "why it was not opened, or a finding of `check`",
     "cameras/picamera2_camera.py": "what is installed",
     "app/persistence/kept_thresholds.py": "what is newer than the file; it is only read",
-    "cli/check.py": "whether SQLite is needed; reading fails by itself",
     "cli/calibrate_board.py": "the word 'replaced' or 'wrote'",
     "cli/calibrate_stereo.py": "the word 'replaced' or 'wrote'",
     "cli/calibrate.py": "an early refusal; the word 'replaced' or 'wrote'",

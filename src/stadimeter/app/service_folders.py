@@ -6,6 +6,9 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+# That of the package's service.
+SERVICE_STATE = Path("/var/lib/stadimeter")
+
 
 def state_directory(environ: Mapping[str, str] = os.environ) -> Path | None:
     """Return the first folder of ``$STATE_DIRECTORY``; None outside a service."""

@@ -19,6 +19,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from stadimeter.app.bootstrap import build
+from stadimeter.app.service_folders import SERVICE_STATE
 from stadimeter.config.extras import PACKAGED, missing
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.loader import Configuration
@@ -93,21 +94,25 @@ CONFIGURATIONS = Path("/etc/stadimeter")
 UNITS = ("usr/lib/systemd/system", "etc/systemd/system")
 
 
-def become_service_user(configuration: Path) -> bool:
+def become_service_user(configuration: Path) -> Path | None:
     """Go on as the user of the service, for good, if root looks at a configuration of the packaged service.
 
+    What the environment says of folders becomes that of the service, too: it cannot even look into root's home.
+
     Returns:
-        Whether the user has changed.
+        The configuration, by a path that does not begin in this folder, which may be root's; None if the user stays.
     """
     if os.geteuid() != 0 or not sys.prefix.startswith(PACKAGED):
-        return False
-    if not configuration.resolve().is_relative_to(CONFIGURATIONS):
-        return False
+        return None
+    place = configuration.resolve()
+    if not place.is_relative_to(CONFIGURATIONS):
+        return None
     try:
         become(SERVICE_USER, groups_of_service())
     except KeyError:  # there is no such user
-        return False
-    return True
+        return None
+    os.environ["STATE_DIRECTORY"] = str(SERVICE_STATE)
+    return place
 
 
 def become(user: str, groups: Iterable[str]) -> None:
@@ -124,6 +129,9 @@ def become(user: str, groups: Iterable[str]) -> None:
     os.setgroups(sorted(ids))
     os.setgid(entry.pw_gid)
     os.setuid(entry.pw_uid)
+    for name in [name for name in os.environ if name.startswith("XDG_")]:
+        del os.environ[name]
+    os.environ |= {"HOME": entry.pw_dir, "USER": user, "LOGNAME": user}
 
 
 def groups_of_service(root: Path = Path("/")) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from stadimeter.cli.exits import MAX_SHOWN, WRONG, ConfigArgument, configuration
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.schema import configuration_schema
-from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
+from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, is_file, read_untrusted_text
 from stadimeter.errors import ConfigError, Problem, UnreadableError
 
 Kind = Literal["error", "warning"]
@@ -60,7 +60,8 @@ def check(
     """
     with plain_errors():
         path = configuration_path(config)
-    user = f" by the user {SERVICE_USER}" if become_service_user(path) else ""
+    of_service = become_service_user(path)
+    path, user = of_service or path, f" by the user {SERVICE_USER}" if of_service else ""
     try:
         configuration = load_configuration(path)
     except ConfigError as error:
@@ -114,7 +115,7 @@ def _set_thresholds(configuration: Configuration) -> tuple[str, ...]:
     from stadimeter.app.persistence.state_writer import state_file  # noqa: PLC0415 - not for other commands
 
     file = state_file(configuration.path)
-    if file is None or not file.exists():
+    if file is None or not is_file(file):
         return ()
     from stadimeter.app.persistence.kept_thresholds import describe_kept  # noqa: PLC0415 - it needs SQLite
 

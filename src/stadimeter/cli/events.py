@@ -11,11 +11,9 @@ import typer
 
 from stadimeter.app.event_log import ENDING, log_files
 from stadimeter.app.logged_events import parse_line
+from stadimeter.app.service_folders import SERVICE_STATE
 from stadimeter.cli.exits import plain_errors
 from stadimeter.errors import JournalError
-
-# Where the service of the package keeps its state.
-SERVICE_STATE = Path("/var/lib/stadimeter")
 
 
 def events(
