@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import Future
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -13,7 +14,7 @@ import pytest
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.mounting import EVERY_S, watch_of
-from stadimeter.app.mounting_file import PICTURES, load_reference, make_reference, save_reference
+from stadimeter.app.mounting_file import PICTURES, load_reference, make_reference, save_reference, unpack_reference
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.decide import decide, initial_state
@@ -244,6 +245,9 @@ def test_a_damaged_file_is_refused_with_its_path_and_the_remedy(tmp_path, refere
         path.write_bytes(damaged)
         with pytest.raises(StateError, match=r"run\.mounting: .*stadimeter mounting save"):
             load_reference(tmp_path / "run.toml")
+    for at in range(len(whole) - sum(len(view.data) for view in reference.views)):
+        with suppress(StateError):
+            unpack_reference(whole[:at] + b"\xff" + whole[at + 1 :], path)
     view = msgspec.structs.replace(reference.views[0], blur_slope=math.nan)
     save_reference(tmp_path / "run.toml", msgspec.structs.replace(reference, views=[view]))
     with pytest.raises(StateError, match="damaged"):

@@ -219,6 +219,7 @@ def test_a_file_of_something_else_is_passed_over(rig):
     rig.keeper.close()
     (rig.folder / "mine.1").write_text("no timeline\n")
     (rig.folder / "folder.1").mkdir()
+    (rig.folder / "byte.1").write_bytes(Names(("x",), ()).head.replace(b"x", b"\xff"))
     (rig.folder / "odd.1").write_bytes(Names(("x",) * 3, ()).head + b"half a row")
     assert len(rig.read()) == 1
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 import pytest
 
+import stadimeter
 from stadimeter.config.untrusted_file import is_file, lines_of, open_untrusted, read_untrusted, read_untrusted_text
 from stadimeter.errors import UnreadableError
 
@@ -59,3 +61,10 @@ def test_lines_are_read_up_to_their_bound(tmp_path: Path) -> None:
     with open_untrusted(path) as file, pytest.raises(UnreadableError) as raised:
         list(lines_of(file, 4))
     assert raised.value.line == 3
+
+
+def test_whoever_decodes_catches_value_error_which_a_byte_that_is_no_utf_8_raises_too() -> None:
+    """`UnicodeDecodeError` is outside the tree of msgspec's errors and of JSON's; all three are `ValueError`."""
+    package = Path(stadimeter.__file__).parent
+    narrow = re.compile(r"except\b[^:]*\b(MsgspecError|DecodeError|JSONDecodeError)\b")
+    assert [str(file) for file in package.rglob("*.py") if narrow.search(file.read_text("utf-8"))] == []

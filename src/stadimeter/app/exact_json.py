@@ -9,11 +9,9 @@ from __future__ import annotations
 from functools import cache
 from typing import Any, TypeVar, cast
 
-from msgspec import DecodeError, to_builtins
+from msgspec import to_builtins
 from msgspec.json import Decoder
 from pydantic_core import to_json
-
-from stadimeter.errors import CommandRangeError
 
 _T = TypeVar("_T")
 
@@ -33,7 +31,7 @@ def decode(text: bytes | str, kind: type[_T]) -> _T:
     try:
         decoder: Decoder[_T] = _decoder(cast("Any", kind))
         return decoder.decode(text)
-    except (DecodeError, CommandRangeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(str(error)) from error
 
 

@@ -170,7 +170,7 @@ def unpack_reference(data: bytes, path: Path) -> MountingReference:
     """
     try:
         found = msgspec.msgpack.decode(data, type=MountingReference)
-    except msgspec.MsgspecError as error:
+    except ValueError as error:
         raise StateError(f"{path}: it is damaged; {ANEW}") from error
     if found.v != 1 or not found.views or not all(map(_is_whole, found.views)):
         raise StateError(f"{path}: it is damaged; {ANEW}")

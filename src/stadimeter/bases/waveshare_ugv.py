@@ -120,7 +120,7 @@ class WaveshareUgvCodec(SerialCodec):
     def _meaning(self, line: TextLine) -> BaseMessage | None:
         try:
             feedback = msgspec.json.decode(line.text, type=_Feedback)
-        except msgspec.MsgspecError:
+        except ValueError:
             self.dropped_bytes += line.noise + len(line.text)
             return None
         self.dropped_bytes += line.noise

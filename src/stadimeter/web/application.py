@@ -83,7 +83,7 @@ async def _body(request: Request, operation: PageOperation) -> Mapping[str, Any]
         return {}
     try:
         return msgspec.json.decode(text, type=dict[str, Any])
-    except (msgspec.MsgspecError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise PageError(400, "wrong-body", f"the body of the request is no JSON object: {error}") from error
 
 

@@ -95,7 +95,7 @@ class OtherPage(Struct):
                 self.words = "it wants a token" if status == 401 else msgspec.json.decode(body)["error"]["message"]
         except OSError as error:
             self.state, self.words = "silent", error.strerror or f"no answer: {error}"
-        except (ValueError, LookupError, TypeError, OverflowError, HTTPException, msgspec.MsgspecError):
+        except (ValueError, LookupError, TypeError, OverflowError, HTTPException):
             self.state, self.words = "refused", "what answers there is no page of stadimeter"
         finally:
             self.next_s = time.monotonic() + (ASK_EVERY_S if self.state == "live" else ASK_AGAIN_S)

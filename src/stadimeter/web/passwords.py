@@ -215,7 +215,7 @@ class EndedSessions:
             if seen is not None and seen != self._read_as:
                 self._of = msgspec.json.decode(self.path.read_bytes(), type=dict[Right, _OfRight])
                 self._read_as = seen
-        except (OSError, msgspec.MsgspecError) as error:
+        except (OSError, ValueError) as error:
             words = f"{self.path}: cannot be read; delete it, and set the password anew to end all sessions"
             raise PageError(503, "no-sessions", words) from error
 

@@ -104,7 +104,7 @@ def read_rows(folder: Path, from_s: float, to_s: float, step_s: int) -> Iterator
     for path in sorted(folder.glob("*.1")):
         try:
             names, rows = _read_segment(path, from_s, to_s, level_s)
-        except (StadimeterError, OSError, msgspec.DecodeError):
+        except (StadimeterError, OSError, ValueError):
             continue
         if len(rows):
             yield names, merge_rows(rows, step_s)
