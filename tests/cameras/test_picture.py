@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import stadimeter
 from stadimeter.cameras.picture import load_picture
 from stadimeter.core.frame import Image
 from stadimeter.errors import PictureError
@@ -165,6 +166,33 @@ def test_a_picture_with_its_end_but_a_broken_middle_does_not_crash(tmp_path: Pat
     data = encode(scene, suffix)
     path.write_bytes(data[:20] + b"\xff" * 40 + data[60:])
     refusal(path)
+
+
+@pytest.mark.parametrize("name", ["baseline.jpg", "progressive.jpg", "restart.jpg"])
+@pytest.mark.parametrize("part", [0.2, 0.5, 0.8])
+def test_a_jpeg_that_lacks_something_inside_is_refused(tmp_path: Path, scene: Image, name: str, part: float) -> None:
+    """OpenCV would fill the rest with what it decoded last, and what is seen there would be measured."""
+    data = encode(scene, ".jpg", KINDS[name])
+    at = int(part * len(data))
+    path = tmp_path / name
+    path.write_bytes(data[:at] + data[at + 700 :])
+    assert "damaged inside" in refusal(path)
+
+
+def test_filling_before_the_end_marker_as_some_cameras_put_it_is_no_damage(tmp_path: Path, scene: Image) -> None:
+    data = encode(scene, ".jpg")
+    path = tmp_path / "filled.jpg"
+    path.write_bytes(data[:-2] + b"\0\0\0\0" + data[-2:])
+    assert load_picture(path).image.shape == scene.shape
+
+
+def test_a_real_picture_that_lacks_700_bytes_inside_is_refused(real_pictures: Path) -> None:
+    assert "damaged inside" in refusal(real_pictures / "cases" / "damaged-inside.jpg")
+
+
+def test_every_picture_that_opencv_decodes_was_checked_to_be_whole() -> None:
+    texts = {file: file.read_text("utf-8") for file in Path(stadimeter.__file__).parent.rglob("*.py")}
+    assert [file for file, text in texts.items() if "imdecode(" in text and "checked_picture(" not in text] == []
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read every file")

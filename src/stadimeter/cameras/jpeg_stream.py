@@ -13,18 +13,13 @@ of the byte's place above its row of blocks, to the left of it below. An edge th
 
 from __future__ import annotations
 
-import re
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stadimeter.config.untrusted_file import PICTURE_MAX_PIXELS
+from stadimeter.config.untrusted_file import JPEG_FILLED, PICTURE_MAX_PIXELS
 from stadimeter.core.frame import Image
 from stadimeter.errors import PictureError
-
-# libjpeg's warning about the filling that some USB cameras put before the end marker: all pixels are there.
-_FILLED = re.compile(r"[1-8] extraneous bytes before marker 0xd9")
 
 # A picture with filling is believed where this share of the stream has it, as a running mean of about 20 pictures: a
 # missing byte may leave as much behind.
@@ -65,7 +60,7 @@ class JpegStream:
             image = np.empty((height_px, width_px, 3), np.uint8)
             simplejpeg.decode_jpeg(data, "BGR", buffer=image)
         except ValueError as error:
-            is_filled = bool(_FILLED.search(str(error)))
+            is_filled = bool(JPEG_FILLED.search(str(error)))
             if not is_filled:
                 raise PictureError(f"the picture is damaged: {error}") from error
         self._filled_share += _WEIGHT_OF_NEW * (is_filled - self._filled_share)

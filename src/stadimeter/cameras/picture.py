@@ -48,8 +48,8 @@ def load_picture(path: Path | str) -> Picture:
     Grey pictures get three equal channels, the upper 8 of 16 bits are kept, and transparency is dropped: each pixel
     keeps the colour that is stored for it. A picture whose EXIF data say that the camera was turned is turned upright.
 
-    A JPEG or PNG that was cut short is refused. OpenCV would fill the missing part with grey, and a target at the edge
-    of that part would be measured.
+    A JPEG or PNG that was cut short is refused, and a JPEG that is damaged inside. OpenCV would fill the missing part,
+    and a target at the edge of that part would be measured.
 
     Raises:
         PictureError: The file is missing, empty, cut short, not a picture, or larger than is read; the message names it
