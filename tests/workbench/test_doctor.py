@@ -105,6 +105,23 @@ def test_a_disk_that_is_almost_full_is_found(tmp_path: Path, free: float, severi
     assert only(replace(PC, free_bytes=free), tmp_path, "disk").severity is severity
 
 
+@pytest.mark.parametrize(
+    ("mounts", "severity", "seen"),
+    [
+        ("/dev/mmcblk0p2 / ext4 ro,noatime 0 0\n", WRONG, "/ is mounted read-only"),
+        ("/dev/sda1 / ext4 rw 0 0\n/dev/sdb1 /var ext4 ro 0 0\n", WRONG, "/var is mounted read-only"),
+        ("/dev/sda1 / ext4 ro 0 0\ntmpfs /var tmpfs rw 0 0\n", FINE, "20.0 GB are free below /var/lib/stadimeter"),
+    ],
+)
+def test_free_space_that_cannot_be_written_is_no_free_space(
+    tmp_path: Path, mounts: str, severity: DiagnosisSeverity, seen: str
+) -> None:
+    (tmp_path / "var/lib/stadimeter").mkdir(parents=True)
+    found = only(PC.with_files(mounts=mounts), tmp_path, "disk")
+    assert found.severity is severity
+    assert seen in found.seen
+
+
 def test_a_clock_that_is_not_set_is_wrong_where_rules_go_by_it(tmp_path: Path) -> None:
     off = replace(PC, is_clock_right=False)
     assert only(off, tmp_path, "clock").severity is WARNING
@@ -237,6 +254,13 @@ class TestService:
         assert found.severity is severity
         assert found.seen.startswith(seen)
         assert ("raspi-utils" in found.remedy) is (severity is WRONG and way is not None)
+
+    def test_where_nothing_drives_pins_they_are_not_said_to_be_switched_off(self, tmp_path: Path) -> None:
+        as_root = STATUS.format(uid=0, groups="986")
+        captured = self.installed(PI_4).with_files(safe_conf="pin 17 low\n", status=as_root)
+        captured = captured.printing(SAFE_CHECK, "nothing\n")
+        found = only(captured.without("/proc/device-tree/model"), tmp_path, "safe-outputs")
+        assert (found.severity, found.remedy) == (WRONG, "run it on a Raspberry Pi")
 
     def test_a_list_made_by_hand_with_a_line_that_switches_nothing_off_is_found(self, tmp_path: Path) -> None:
         captured = PI_4.with_files(of_hand="pin 99\n").printing(

@@ -98,6 +98,10 @@ def disk(examined: Examined) -> Iterator[Diagnosis]:
         yield unknown(f"the free space below {place}: {error.strerror}")
         return
     seen = f"{free / 1e9:.1f} GB are free below {place}"
+    if mount := _read_only(computer, Path(place)):
+        remedy = f"`sudo dmesg` says why; `sudo mount -o remount,rw {mount}` where nothing else is wrong"
+        yield wrong(f"{seen}, and nothing can be written there: {mount} is mounted read-only", remedy)
+        return
     remedy = "delete old journals and recordings (`sudo du -xh / | sort -h | tail` finds what is large)"
     if free < SCARCE_BYTES:
         yield wrong(seen, remedy)
@@ -105,6 +109,14 @@ def disk(examined: Examined) -> Iterator[Diagnosis]:
         yield warning(seen, remedy)
     else:
         yield fine(seen)
+
+
+def _read_only(computer: Computer, place: Path) -> str:
+    """Return the mount that a place is on if it is read-only, as after an error of a memory card; else nothing."""
+    for folder in map(str, (place, *place.parents)):
+        if mount := _mount(computer, folder):
+            return folder if "ro" in mount[1].split(",") else ""
+    return ""
 
 
 def wear(examined: Examined) -> Iterator[Diagnosis]:

@@ -206,16 +206,17 @@ def safe_outputs(examined: Examined) -> Iterator[Diagnosis]:
     wanted = examined.configured.safe_lines
     if wanted:
         way = _way(examined.computer, wanted)
-        has_no_way = way in {"", "nothing"} and examined.computer.is_pi  # elsewhere pins are wrong already
+        has_no_way = way in {"", "nothing"}
         yield _no_way(examined.computer, way) if has_no_way else _judge_list(examined.computer, wanted, way)
 
 
 def _no_way(computer: Computer, way: str) -> Diagnosis:
     if not computer.is_root:
         return unknown("whether the pins can be switched off after the service", SUDO)
+    remedy = "`sudo apt install raspi-utils`, which brings pinctrl" if computer.is_pi else "run it on a Raspberry Pi"
     return wrong(
         "the pins cannot be switched off after the service, so a killed service leaves them as they are",
-        "`sudo apt install raspi-utils`, which brings pinctrl" if way else PACKAGE_AGAIN,
+        remedy if way else PACKAGE_AGAIN,
     )
 
 
