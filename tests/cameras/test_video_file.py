@@ -111,6 +111,79 @@ def test_a_video_that_ends_long_before_its_header_says_is_damaged(tmp_path: Path
     camera.close()
 
 
+def convert(source: Path, target: Path, *words: str) -> Path:
+    subprocess.run(["ffmpeg", "-v", "error", "-i", source, *words, target], check=True)
+    return target
+
+
+@needs("ffmpeg")
+def test_frames_of_a_variable_rate_come_at_the_times_of_the_file(tmp_path: Path) -> None:
+    ramp = write_ramp(tmp_path / "ramp.avi")
+    slower = "setpts=if(lt(N\\,10)\\,N\\,10+3*(N-10))/25/TB"  # a third of the rate after ten frames
+    varied = convert(ramp, tmp_path / "varied.mp4", "-vf", slower, "-fps_mode", "vfr", "-c:v", "mpeg4")
+    expected_s = [0.04 * (number if number < 10 else 10 + 3 * (number - 10)) for number in range(20)]
+    camera = VideoFileCamera(varied, None, ManualClock(7.0), loops=True)
+    camera.open()
+    times_s = [camera.read().captured_at_s - 7.0 for _ in range(21)]
+    camera.close()
+    assert times_s[:20] == pytest.approx(expected_s, abs=1e-3)
+    assert times_s[19] < times_s[20] < times_s[19] + 0.2
+    assert camera.remarks == ()
+    steady = [frame.captured_at_s for frame in frames_to_end(VideoFileCamera(varied, 10.0, ManualClock()))]
+    assert steady == pytest.approx([0.1 * number for number in range(20)])
+
+
+def test_a_rate_that_is_a_guess_is_said_to_be_one(real_pictures: Path) -> None:
+    path = real_pictures / "cases" / "no-rate.h264"
+    camera, clock = VideoFileCamera(path, None, ManualClock()), ManualClock()
+    assert len(list(frames_to_end(camera))) == 60
+    assert "25 Hz is a guess" in camera.remarks[0]
+    known = VideoFileCamera(path, 30.0, clock)
+    assert len(list(frames_to_end(known))) == 60
+    assert (known.remarks, clock.now_s()) == ((), pytest.approx(59 / 30))
+
+
+def test_jpegs_behind_one_another_are_a_video_and_no_picture(tmp_path: Path) -> None:
+    data = [cv2.imencode(".jpg", np.full((48, 64, 3), 20 * number, np.uint8))[1].tobytes() for number in range(4)]
+    (tmp_path / "v.mjpeg").write_bytes(b"".join(data))
+    camera = VideoFileCamera(tmp_path / "v.mjpeg", None, ManualClock())
+    assert [round(float(frame.image.mean()), -1) for frame in frames_to_end(camera)] == [0, 20, 40, 60]
+    assert "is a guess" in camera.remarks[0]
+
+
+@needs("ffmpeg")
+@pytest.mark.parametrize("is_after_another", [False, True])
+def test_interlaced_video_is_shown_or_refused_and_never_shows_what_was_in_memory(
+    tmp_path: Path, is_after_another: bool
+) -> None:
+    """OpenCV 5 does not convert it; the memory of its frames is empty, or still has those of the video before."""
+    path = convert(
+        write_ramp(tmp_path / "ramp.avi"),
+        tmp_path / "tv.mpg",
+        "-c:v",
+        "mpeg2video",
+        "-flags",
+        "+ilme+ildct",
+        "-r",
+        "25",
+    )
+    if is_after_another:
+        assert len(list(frames_to_end(VideoFileCamera(tmp_path / "ramp.avi", None, ManualClock())))) == 20
+    try:
+        frames = list(frames_to_end(VideoFileCamera(path, None, ManualClock())))
+    except PictureError as error:
+        assert "interlaced" in str(error)  # noqa: PT017 - or it is shown
+    else:
+        assert [round(float(frame.image.mean()) / 10) for frame in frames][:20] == list(range(20))
+
+
+@needs("ffmpeg")
+def test_a_video_of_one_picture_that_stands_still_is_shown(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "still.png"), np.full((48, 64, 3), 90, np.uint8))
+    path = convert(tmp_path / "still.png", tmp_path / "still.mp4", "-vf", "loop=9:1", "-c:v", "mpeg4")
+    assert len(list(frames_to_end(VideoFileCamera(path, None, ManualClock())))) == 10
+
+
 def test_the_driver_is_built_from_its_options(tmp_path: Path) -> None:
     path = write_ramp(tmp_path / "ramp.avi", frames=2)
     assert load_driver(CAMERAS, "video") is VideoFileOptions

@@ -10,7 +10,7 @@ from stadimeter.errors import DeviceClosedError, EndOfFramesError
 
 
 class RecordedCamera(ABC):
-    """A camera that plays a recording at a steady rate.
+    """A camera that plays a recording, at a steady rate unless it knows the time of each frame.
 
     The recording starts when the first frame is read: frame ``i`` was captured at ``start + i / rate``. Opening the
     camera again plays it from the beginning, at later times and with sequence numbers that go on.
@@ -32,6 +32,7 @@ class RecordedCamera(ABC):
         self._rate_hz: float | None = None
         self._started_at_s: float | None = None
         self._index = 0
+        self._played_s: float | None = None
         self._delivered = 0
         self._subsampling: Subsampling = "4:4:4"
         self._optics: Optics | None = None
@@ -43,6 +44,7 @@ class RecordedCamera(ABC):
             PictureError: It cannot be read.
         """
         self.close()
+        self._played_s = None
         self._rate_hz = self._begin()
         self._started_at_s = None
         self._index = 0
@@ -62,10 +64,11 @@ class RecordedCamera(ABC):
             raise DeviceClosedError(f"{self._what}: the camera is not open; open it before reading from it")
         if self._started_at_s is None:
             self._started_at_s = self._clock.now_s()
-        captured_at_s = self._started_at_s + self._index / self._rate_hz
+        steady_s = self._index / self._rate_hz
         self._index += 1
         image, source = self._next_or_first()
         self._has_frames = True
+        captured_at_s = self._started_at_s + (steady_s if self._played_s is None else self._played_s)
         self._clock.sleep_until_s(captured_at_s)
         self._delivered += 1
         return Frame(image, captured_at_s, self._delivered - 1, source, self._subsampling, self._optics)
@@ -92,7 +95,7 @@ class RecordedCamera(ABC):
 
     @abstractmethod
     def _next(self) -> tuple[Image, str]:
-        """Return the next picture and where it came from."""
+        """Return the next picture and where it came from; note in ``_played_s`` when it comes, if that is known."""
 
     @abstractmethod
     def _end(self) -> None:
