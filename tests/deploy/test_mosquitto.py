@@ -138,7 +138,6 @@ def test_a_device_is_heard_below_its_own_name_and_nowhere_else(connect):
     assert attic.heard == [], "a device does not listen to the others"
 
 
-@pytest.mark.long
 def test_a_device_reads_its_commands_and_its_own_list_of_what_the_broker_keeps_and_nothing_else(connect):
     operator, garage = connect("homeassistant"), connect("garage")
     garage.listen()
@@ -153,7 +152,6 @@ def test_a_device_reads_its_commands_and_its_own_list_of_what_the_broker_keeps_a
     ]
 
 
-@pytest.mark.long
 def test_an_operator_gives_commands_and_cannot_publish_as_a_device(connect):
     reader, operator, garage = connect("dashboard"), connect("homeassistant"), connect("garage")
     reader.listen()
@@ -168,7 +166,6 @@ def test_an_operator_gives_commands_and_cannot_publish_as_a_device(connect):
     ]
 
 
-@pytest.mark.long
 def test_a_reader_hears_alarms_and_no_pictures_and_gives_no_commands(connect):
     reader, garage = connect("dashboard"), connect("garage")
     reader.listen()
@@ -184,8 +181,7 @@ def test_a_reader_hears_alarms_and_no_pictures_and_gives_no_commands(connect):
     assert garage.heard == [("stadimeter/garage/retained/garage/0", b"[]")]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("site", ["passwords", "certificates"], indirect=True)
+@pytest.mark.parametrize("site", ["passwords", pytest.param("certificates", marks=pytest.mark.long)], indirect=True)
 def test_the_program_itself_takes_commands_and_answers_within_its_role(site, connect):
     table: dict[str, Any] = {"host": "127.0.0.1", "port": site.port, "node": "garage", "protocol": "5"}
     if site.has_certificates:
@@ -225,7 +221,6 @@ def test_an_appliance_announces_itself_only_and_hears_that_home_assistant_has_st
     assert garage.heard == [("homeassistant/status", b"online")]
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(("user", "password"), [(None, ""), ("garage", "wrong"), ("stranger", PASSWORD)])
 def test_who_has_no_password_is_refused(connect, user, password):
     assert connect(user, password).refusal == "Not authorized"
