@@ -61,6 +61,12 @@ def test_what_was_saved_is_read_back_to_the_last_bit(file: Path) -> None:
     assert load_camera_model(file) == MODEL
 
 
+def test_the_name_of_a_picture_that_is_no_text_is_written_as_far_as_it_is(file: Path) -> None:
+    notes = Provenance(notes=("b\udce4d.png: P = 238.16 px",))
+    save_camera_model(file, replace(MODEL, provenance=notes))
+    assert load_camera_model(file).provenance.notes == ("b?d.png: P = 238.16 px",)
+
+
 @pytest.mark.parametrize(
     ("stated", "sigma_px"), [("", 0.1), ("edge_bias_px = 0.2", 0.1), ("edge_bias_sigma_px = 0", 0.0)]
 )

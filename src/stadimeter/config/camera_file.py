@@ -176,7 +176,7 @@ def save_as(path: Path, text: str, what: str) -> None:
         ConfigError: It cannot be written there.
     """
     try:
-        write_atomically(path, text.encode())
+        write_atomically(path, text.encode(errors="replace"))  # a picture's name need not be text
     except OSError as error:
         message = f"the {what} cannot be written: {reason_of(error)}"
         raise ConfigError([Problem(message, str(path), hint="choose another with -o")]) from error

@@ -259,7 +259,7 @@ class SiteSession:
         camera = _camera_name(self.site.configuration.camera)
         made = replace(made, date=_now(), camera=camera, background=background, view=b"")
         pages = pages_of(blocks_of(path.name, made, list(self.site.reliances(made))))
-        files = {HTML: html_of(pages, path.name).encode(), PDF: pdf_of(pages)}
+        files = {HTML: html_of(pages, path.name).encode(errors="replace"), PDF: pdf_of(pages)}
         save_certificate(path, made, CERTIFICATE, files)
         path.with_suffix(PLACEMENTS).unlink(missing_ok=True)
         return made
