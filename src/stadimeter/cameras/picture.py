@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import cv2
-import numpy as np
 from msgspec import Struct
 
 from stadimeter.config.camera_file import optics_in
@@ -14,8 +12,7 @@ from stadimeter.config.untrusted_file import (
     HEAD_BYTES,
     KINDS,
     PICTURE_MAX_BYTES,
-    PICTURE_MAX_PIXELS,
-    checked_picture,
+    decode_picture,
     is_picture,
     is_video,
     open_untrusted,
@@ -58,19 +55,10 @@ def load_picture(path: Path | str) -> Picture:
     path = Path(path)
     file = _bytes_of(path)
     try:
-        data = checked_picture(file)
+        image = decode_picture(file)
     except PictureError as error:
         raise PictureError(f"the picture {path} {error}") from error
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error as error:
-        if "CV_IO_MAX_IMAGE" in error.err:
-            most = f"{PICTURE_MAX_PIXELS / 1e6:.0f} megapixels, the most that is read"
-            raise PictureError(f"the picture {path} has more than {most}; make it smaller") from error
-        raise PictureError(f"the picture {path} cannot be decoded: {error.err}") from error
-    if image is None:
-        raise PictureError(f"the picture {path} is damaged and cannot be decoded; copy it again")
-    return Picture(image=np.asarray(image, np.uint8), subsampling=subsampling_of(data), optics=optics_in(file))
+    return Picture(image=image, subsampling=subsampling_of(file), optics=optics_in(file))
 
 
 def check_file(path: Path, kind: str) -> bytes:

@@ -17,9 +17,13 @@ import stat
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from stadimeter.errors import PictureError, UnreadableError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 # Ten thousand rules fit in. Nothing of that size takes more than 300 MB, or more than some seconds to refuse.
 CONFIGURATION_MAX_BYTES = 850_000
@@ -212,6 +216,27 @@ def checked_picture(data: bytes) -> bytes:
     if why:
         raise PictureError(why)
     return data
+
+
+def decode_picture(data: bytes) -> NDArray[np.uint8]:
+    """Decode a picture as 8 bits a channel, blue first, upright as its EXIF data say, if all of it is there.
+
+    Raises:
+        PictureError: It is damaged, too large or no picture; the message goes on after the name of the picture.
+    """
+    import cv2  # noqa: PLC0415 - most commands read no picture
+    import numpy as np  # noqa: PLC0415
+
+    try:
+        image = cv2.imdecode(np.frombuffer(checked_picture(data), np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error as error:
+        if "CV_IO_MAX_IMAGE" in error.err:
+            most = f"{PICTURE_MAX_PIXELS / 1e6:.0f} megapixels, the most that is read"
+            raise PictureError(f"has more than {most}; make it smaller") from error
+        raise PictureError(f"cannot be decoded: {error.err}") from error
+    if image is None:
+        raise PictureError("is damaged and cannot be decoded; copy it again")
+    return np.asarray(image, np.uint8)
 
 
 def _why_no_jpeg(data: bytes) -> str:

@@ -17,7 +17,7 @@ from pydantic import Field, model_validator
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import FilePath, Length, Tolerance
-from stadimeter.config.untrusted_file import PICTURE_MAX_BYTES, checked_picture, read_untrusted
+from stadimeter.config.untrusted_file import PICTURE_MAX_BYTES, decode_picture, read_untrusted
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame, Image
@@ -207,17 +207,11 @@ def _size_sigma_px(found: Alignment) -> float:
 def _read(path: Path) -> Image:
     """Return the picture of a file, no larger than is needed."""
     try:
-        data = checked_picture(read_untrusted(path, PICTURE_MAX_BYTES))
+        image = decode_picture(read_untrusted(path, PICTURE_MAX_BYTES))
     except UnreadableError as error:
         raise PictureError(f"the picture {path} cannot be read: {error.reason}") from error
     except PictureError as error:
         raise PictureError(f"the picture {path} {error}") from error
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error as error:
-        raise PictureError(f"the picture {path} cannot be decoded: {error.err}") from error
-    if image is None:
-        raise PictureError(f"the picture {path} cannot be decoded; copy it again")
     scale = min(1.0, MAX_FILE_SIDE_PX / max(image.shape[:2]))
     size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)

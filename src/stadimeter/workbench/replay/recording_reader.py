@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-import cv2
-import numpy as np
 from msgspec import Struct
 
 from stadimeter.app.recordings.cycle_json import RecordedCycle, reload_of
@@ -32,7 +30,7 @@ from stadimeter.app.recordings.recording import (
     RESUMED_NAME,
     require_mcap,
 )
-from stadimeter.config.untrusted_file import CHUNK_MAX_BYTES, JSON_MAX_BYTES, checked_picture
+from stadimeter.config.untrusted_file import CHUNK_MAX_BYTES, JSON_MAX_BYTES, decode_picture
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import JournalError, PictureError
 
@@ -69,12 +67,9 @@ class RecordedImage(Struct, frozen=True, eq=False):
         begin = self.message.find(_IMAGE_BEGINS) + len(_IMAGE_BEGINS)
         try:
             jpeg = b64decode(self.message[begin : self.message.find(b'"', begin)], validate=True)
-            image = cv2.imdecode(np.frombuffer(checked_picture(jpeg), np.uint8), cv2.IMREAD_COLOR) if jpeg else None
-        except (Base64Error, PictureError, cv2.error) as error:
+            return decode_picture(jpeg)
+        except (Base64Error, PictureError) as error:
             raise JournalError(f"{self.place}: a damaged picture") from error
-        if image is None:
-            raise JournalError(f"{self.place}: a damaged picture")
-        return np.asarray(image, np.uint8)
 
     def frame_of(self, cycle: RecordedCycle) -> Frame | None:
         """Return the frame that was new in a cycle, with this picture; None if the picture is of another one.
