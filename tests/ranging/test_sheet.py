@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -48,6 +49,30 @@ def test_exact_corners_give_the_exact_place_however_the_sheet_hangs(x, z, tilt, 
     assert math.dist(reading.position_m, place) < 1e-4 * math.hypot(*place)
     assert 0 < reading.noise_share < 0.05
     assert reading.ambiguity < 1
+
+
+def worst_share_off(depths_m: list[float], tilts_rad: list[float], directions: int, rolls_rad: list[float]) -> float:
+    """Return how far off the place of a sheet with exact corners is at worst, as a share, over a grid of poses."""
+    worst = 0.0
+    sideways, towards = (-0.4, -0.25, 0.0, 0.25, 0.4), [2 * math.pi * each / directions for each in range(directions)]
+    grid = itertools.product(sideways, depths_m, tilts_rad, towards, rolls_rad, (0, 1))
+    for x, z, tilt_rad, towards_rad, roll_rad, first in grid:
+        place = (x * z, 0.2 * z, z)
+        pose = Pose(position_m=place, tilt_rad=tilt_rad, tilt_towards_rad=towards_rad, roll_rad=roll_rad)
+        found = SIZE.locate(seen_from(pose, first=first), CAMERA).position_m
+        worst = max(worst, math.dist(found, place) / math.hypot(*place))
+    return worst
+
+
+def test_a_far_sheet_that_hangs_straight_and_is_turned_far_away_is_not_taken_the_wrong_way_round() -> None:
+    assert worst_share_off([4.0], [0.83, 0.97, 1.1], 12, [0.0]) < 1e-4
+
+
+@pytest.mark.long
+def test_exact_corners_give_the_exact_place_on_a_grid_of_6240_poses() -> None:
+    tilts_rad = [0.05 + 0.15 * each for each in range(8)]
+    assert worst_share_off([0.4, 1.0, 2.0, 3.0, 4.0], tilts_rad, 12, [0.0]) < 1e-4
+    assert worst_share_off([2.0, 4.0], [0.5, 0.8, 1.1], 12, [0.6, math.pi / 2]) < 1e-4
 
 
 def test_the_tilt_is_told() -> None:
