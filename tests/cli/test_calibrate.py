@@ -69,11 +69,21 @@ def test_several_pictures_are_listed_and_combined(near: Path, output: Path, tmp_
     assert len(load_camera_model(output).provenance.notes) == 2
 
 
-def test_a_picture_whose_distance_is_mistyped_is_named(near: Path, output: Path, tmp_path: Path) -> None:
+def test_a_picture_whose_distance_is_mistyped_is_named_and_left_out(near: Path, output: Path, tmp_path: Path) -> None:
     far = _picture(tmp_path / "far.png", 110, 85)
     again = _picture(near.with_name("again.png"), 220, 170)
     result = _run("calibrate", "distance", f"{near}@30in", f"{again}@30in", f"{far}@4.5ft", *SHEET, "-o", output)
-    assert f"{far} fits the others far worse than --distance-error allows" in result.stderr
+    assert f"{far} contradicts the others and is left out: by them its distance is another by +1" in result.stderr
+    assert result.returncode == 1
+    assert load_camera_model(output).fx_px == pytest.approx(600, rel=0.003)
+
+
+def test_two_pictures_that_contradict_each_other_write_nothing(near: Path, output: Path, tmp_path: Path) -> None:
+    far = _picture(tmp_path / "far.png", 110, 85)
+    result = _run("calibrate", "distance", f"{near}@30in", f"{far}@4.5ft", *SHEET, "-o", output)
+    assert f"{near} and {far} contradict each other" in result.stderr
+    assert result.returncode == 2
+    assert not output.exists()
 
 
 TAG = ("--tag", "10cm", "--family", "36h11")

@@ -48,8 +48,6 @@ def _calibrate() -> None:
 # Further from the middle of the picture than this, depth and straight line differ by more than 1.5 %.
 FAR_OFF_AXIS_RAD = math.radians(10)
 
-MISFIT_SIGMAS = 3.0
-
 
 @calibrate.command("distance")
 @takes_target
@@ -89,9 +87,9 @@ def distance(
 
     - `stadimeter calibrate distance --live opencv,device=0 --ball 6.4cm --hsv "29,86,6:64,255,255" -o camera.toml`
 
-    **Exit code**: 0 the camera file was written from all pictures; 1 the target was not found in some, which
-    were left out, or in all, and then nothing was written; 2 an option, a file or a picture is wrong, or distances
-    contradict each other, and nothing was written.
+    **Exit code**: 0 the camera file was written from all pictures; 1 some were left out, since the target was not
+    found in them or they contradict the others, or all, and then nothing was written; 2 an option, a file or a picture
+    is wrong, or distances contradict each other and the others do not tell which is wrong, and nothing was written.
     """
     with plain_errors():
         if bool(pictures) == bool(live):
@@ -134,12 +132,14 @@ def _from_pictures(
         remedy = remedy_words(each, open_picture(Path(each.picture)), wanted.choices[0])
         reason = f"through the camera file it is not found: {each.detection.reason}{remedy}"
         typer.echo(f"left out: {each.picture}: {reason}", err=True)
+    for words in fit.outlier_words:
+        typer.echo(words, err=True)
     for each in fit.elsewhere:
         there = f"{each.detection.centre_px[0]:.0f}, {each.detection.centre_px[1]:.0f} px"
         say_note(f"{each.picture}: the target is taken to be at {there}; check it with `stadimeter measure --annotate`")
     if fit.calibration is None:
         _nothing_written()
-    return fit.calibration, known.all_usable and not fit.left_out
+    return fit.calibration, known.all_usable and not (fit.left_out or fit.outliers)
 
 
 def _nothing_written() -> NoReturn:
@@ -151,7 +151,6 @@ def _tell(made: Calibration, unit: LengthUnit) -> None:
     name_width = max(len(each.picture) for each in made.pictures)
     for each in made.pictures:
         _tell_picture(each, name_width, unit)
-    _tell_the_worst(made)
     model = made.camera_model
     share = model.focal_relative_sigma
     typer.echo(
@@ -175,18 +174,6 @@ def _tell_picture(each: FocalLength, name_width: int, unit: LengthUnit) -> None:
         say_note(
             f"{each.picture}: the target is {math.degrees(each.off_axis_rad):.0f}° from the middle of the "
             f"picture; {away} was taken as its depth, so the straight line to it is longer"
-        )
-
-
-def _tell_the_worst(made: Calibration) -> None:
-    sigmas, worst = max(
-        ((abs(each.residual_share) / each.relative_sigma, each) for each in made.pictures),
-        key=lambda pair: pair[0],
-    )
-    if sigmas > MISFIT_SIGMAS:
-        say_note(
-            f"{worst.picture} fits the others far worse than --distance-error allows; check its distance, and "
-            "that what was found is the target"
         )
 
 

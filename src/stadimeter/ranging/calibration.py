@@ -20,6 +20,7 @@ which is linear in F and b; weighted least squares gives both (Press et al., Num
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Sequence
 
 import numpy as np
@@ -220,6 +221,17 @@ def calibrate(
         one_distance=max(each.depth_m for each in found) < _ONE_DISTANCE * min(each.depth_m for each in found),
         more_at_m=None if fit.bias_was_fitted else _more_at_m(found, estimates, distance_relative_sigma),
     )
+
+
+def rough_model(known: Sequence[KnownDistance]) -> CameraModel:
+    """Return a camera model of the median of what the pictures say, whatever single ones show: to look again through.
+
+    Raises:
+        CalibrationError: No picture can be used, or they differ in resolution.
+    """
+    found = _pick_usable(known)
+    plain = CameraModel.with_focal_length(float(found[0].width_px), found[0].width_px, found[0].height_px)
+    return _with_focal_length(plain, statistics.median(_focal_px(each, plain) for each in found))
 
 
 def with_readings(made: Calibration, again: Sequence[KnownDistance]) -> Calibration:

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Sequence
+from statistics import NormalDist
 
 from msgspec import Struct
 
@@ -26,8 +28,11 @@ from stadimeter.ranging.calibration import (
     tape_share,
 )
 
-# Pictures without a mistake disagree by more than this many standard deviations once in 400 times.
-ALLOWED_SIGMAS = 3.0
+# Sets of pictures without a mistake are found to contradict each other once in 400 times.
+_BY_CHANCE = 1 / 400
+
+# An offset of the distances beyond this is no mistake of the tape.
+_NO_MISTAKE_M = 0.2
 
 # An error beyond this many standard deviations comes by chance in 1 of 370 pictures.
 PICTURE_LIMIT_SIGMAS = 3.0
@@ -51,26 +56,63 @@ class Disagreement(Struct, frozen=True, kw_only=True):
     allowed_share: float
     offset_m: float
 
+    def __str__(self) -> str:
+        """Say which they are, by how much they differ, and what usually causes it."""
+        apart = (
+            f"{self.nearer.picture} and {self.farther.picture} contradict each other: their focal lengths are"
+            f" {abs(self.share):.1%} apart, and {self.allowed_share:.1%} is the most that tape and edges allow."
+        )
+        causes = (
+            " Usual causes: the focus moved (switch autofocus off); a distance was not measured from the lens to the"
+            " target's nearest point; the size is wrong; something else was found."
+        )
+        if abs(self.offset_m) > _NO_MISTAKE_M:
+            return apart + causes
+        longer = "longer" if self.offset_m > 0 else "shorter"
+        return f"{apart}{causes} They would agree if both distances were {abs(self.offset_m) * 100:.1f} cm {longer}."
 
-def disagreement(known: Sequence[KnownDistance], *, distance_relative_sigma: float) -> Disagreement | None:
-    """Return the two pictures that contradict each other most, or None if no two do.
+
+def split_outliers(
+    known: Sequence[KnownDistance], *, distance_relative_sigma: float
+) -> tuple[tuple[KnownDistance, ...], tuple[KnownDistance, ...]]:
+    """Return the pictures that agree with each other, and the outliers: those that contradict most of the others.
 
     Args:
         known: Pictures of one resolution in which the target was found whole.
         distance_relative_sigma: Standard deviation of the known distances, as a share of each.
+
+    Raises:
+        CalibrationError: Outliers are half of the pictures or more, or two pictures contradict each other and the
+            others do not tell which of them is wrong.
     """
-    by_depth = sorted(known, key=lambda each: each.depth_m)
-    pairs = [
-        _compare(nearer, farther, distance_relative_sigma) for nearer, farther in itertools.combinations(by_depth, 2)
-    ]
-    worst = max(pairs, key=lambda each: abs(each.share) / each.allowed_share, default=None)
-    return worst if worst is not None and abs(worst.share) > worst.allowed_share else None
-
-
-def _compare(nearer: KnownDistance, farther: KnownDistance, distance_relative_sigma: float) -> Disagreement:
+    by_depth = sorted(range(len(known)), key=lambda at: known[at].depth_m)
     # Any focal length will do to begin with: `focal_estimate` finds by bisection the one that measures the known depth.
-    plain = CameraModel.with_focal_length(float(nearer.width_px), nearer.width_px, nearer.height_px)
-    near, far = (focal_estimate(each, plain, distance_relative_sigma) for each in (nearer, farther))
+    plain = CameraModel.with_focal_length(float(known[0].width_px), known[0].width_px, known[0].height_px)
+    estimates = [focal_estimate(each, plain, distance_relative_sigma) for each in known]
+    pairs = list(itertools.combinations(by_depth, 2))
+    # The more pairs are compared, the farther apart two may be by chance: 3.0 standard deviations for one pair, 3.8
+    # for fifteen (Bonferroni's correction).
+    allowed_sigmas = NormalDist().inv_cdf(1 - _BY_CHANCE / 2 / max(len(pairs), 1))
+    at_odds: dict[tuple[int, int], Disagreement] = {}
+    for near, far in pairs:
+        found = _compare((known[near], estimates[near]), (known[far], estimates[far]), allowed_sigmas)
+        if abs(found.share) > found.allowed_share:
+            at_odds[near, far] = found
+    kept = list(range(len(known)))
+    while at_odds:
+        times = Counter(itertools.chain.from_iterable(at_odds))
+        worst, contradicted = max(times.items(), key=lambda each: each[1])
+        kept.remove(worst)
+        if 2 * contradicted <= len(kept) or 2 * len(kept) <= len(known):
+            raise CalibrationError(str(max(at_odds.values(), key=lambda each: abs(each.share) / each.allowed_share)))
+        at_odds = {pair: found for pair, found in at_odds.items() if worst not in pair}
+    return tuple(known[at] for at in kept), tuple(each for at, each in enumerate(known) if at not in kept)
+
+
+def _compare(
+    nearer: tuple[KnownDistance, FocalEstimate], farther: tuple[KnownDistance, FocalEstimate], allowed_sigmas: float
+) -> Disagreement:
+    near, far = nearer[1], farther[1]
     # Standard deviation of ln F_far - ln F_near: both pictures' own, and an edge bias of unknown size, which acts on
     # the difference of how much it changes each (per_bias, in px of F a px of bias).
     sigma_share = math.hypot(
@@ -79,11 +121,11 @@ def _compare(nearer: KnownDistance, farther: KnownDistance, distance_relative_si
         UNKNOWN_EDGE_BIAS_SIGMA_PX * (far.per_bias / far.focal_px - near.per_bias / near.focal_px),
     )
     return Disagreement(
-        nearer=nearer,
-        farther=farther,
+        nearer=nearer[0],
+        farther=farther[0],
         share=far.focal_px / near.focal_px - 1,
-        allowed_share=ALLOWED_SIGMAS * sigma_share,
-        offset_m=_offset_m(nearer.depth_m, near, farther.depth_m, far),
+        allowed_share=allowed_sigmas * sigma_share,
+        offset_m=_offset_m(nearer[0].depth_m, near, farther[0].depth_m, far),
     )
 
 

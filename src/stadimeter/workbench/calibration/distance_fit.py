@@ -20,8 +20,11 @@ from stadimeter.ranging.calibration import (
     Calibration,
     KnownDistance,
     calibrate,
+    measured_depth_m,
+    rough_model,
     with_readings,
 )
+from stadimeter.ranging.calibration_check import split_outliers
 from stadimeter.workbench.measuring import remedies_for
 
 # Returns the picture of a name: reads its file, or has kept it. It may raise `StadimeterError`.
@@ -35,13 +38,27 @@ class DistanceFit(Struct, frozen=True, kw_only=True):
         calibration: None if no picture can be used.
         usable: The pictures that it comes from, as they look through a rough camera model.
         left_out: Those in which the target is not found through that model, or the finished one.
+        outliers: Those that contradict most of the others, and are left out for that.
         elsewhere: Those in which another thing is taken for the target than at first.
     """
 
     calibration: Calibration | None
     usable: tuple[KnownDistance, ...]
     left_out: tuple[KnownDistance, ...]
+    outliers: tuple[KnownDistance, ...]
     elsewhere: tuple[KnownDistance, ...]
+
+    @property
+    def outlier_words(self) -> tuple[str, ...]:
+        """A sentence on each outlier, with what the others make of it."""
+        if self.calibration is None:
+            return ()
+        model = self.calibration.camera_model
+        return tuple(
+            f"{each.picture} contradicts the others and is left out: by them its distance is another by "
+            f"{measured_depth_m(each, model) / each.depth_m - 1:+.1%}; check it, and that what was found is the target"
+            for each in self.outliers
+        )
 
 
 def look_at_distance(
@@ -81,29 +98,34 @@ def fit_distances(
     through the model that it gives, which is that of `measure`; what the finished file reads is found by a third. No
     picture counts that is refused through the finished file, so what calibrates is measured.
 
+    Pictures that contradict most of the others are left out, and count no more than those not found.
+
     Raises:
-        CalibrationError: The pictures differ in resolution, or in how the camera was set, or do not tell the focal
-            length.
+        CalibrationError: The pictures differ in resolution, or in how the camera was set, contradict each other, or do
+            not tell the focal length.
         StadimeterError: A picture can no longer be read.
     """
-    first = calibrate(known, date=date, distance_relative_sigma=distance_relative_sigma)
+    plain = rough_model(known)
     optics = frame_of(known[0].picture).optics
-    rough = replace(first.camera_model, edge_bias_px=0.0, tone_curve=tone_curve, optics=optics)
+    rough = replace(plain, tone_curve=tone_curve, optics=optics)
     looked = _look_again(known, frame_of, choices, rough)
     usable, left_out = _split_by_found(looked, looked)
     pairs = zip(known, looked, strict=True)
     elsewhere = tuple(again for before, again in pairs if again in usable and _is_elsewhere(before, again))
     finished: Calibration | None = None
+    outliers: tuple[KnownDistance, ...] = ()
     while usable and finished is None:
         if len(usable) > 1:  # one picture cannot tell the edge bias
             usable = _with_bias_undone(usable, frame_of, choices, rough)
+        usable, contradicting = split_outliers(usable, distance_relative_sigma=distance_relative_sigma)
+        outliers += contradicting
         made = calibrate(usable, date=date, distance_relative_sigma=distance_relative_sigma)
         made = replace(made, camera_model=replace(made.camera_model, tone_curve=tone_curve, optics=optics))
         again = _look_again(usable, frame_of, choices, made.camera_model)
         usable, lost = _split_by_found(usable, again)
         left_out += lost
         finished = None if lost else with_readings(made, again)
-    return DistanceFit(calibration=finished, usable=usable, left_out=left_out, elsewhere=elsewhere)
+    return DistanceFit(calibration=finished, usable=usable, left_out=left_out, outliers=outliers, elsewhere=elsewhere)
 
 
 def _split_by_found(

@@ -21,7 +21,6 @@ from stadimeter.ranging.calibration import (
     calibrate,
     measured_depth_m,
 )
-from stadimeter.ranging.calibration_check import Disagreement, disagreement
 from stadimeter.workbench.calibration.distance_fit import fit_distances, look_at_distance, remedy_words
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source
 from stadimeter.workbench.picture_quality import picture_remarks
@@ -47,9 +46,6 @@ TIMES_AS_FAR = (3.0, 2.0, APART_MIN)
 
 # The size of a target below which its edges say little about a distance of 1 %.
 LARGE_ENOUGH_PX = 20.0
-
-# An offset of the distances beyond this is no mistake of the tape.
-NO_MISTAKE_M = 0.2
 
 
 class Take(Struct, frozen=True, eq=False, kw_only=True):
@@ -191,9 +187,8 @@ class LiveDistance:
         for each in (*fit.left_out, *fit.elsewhere):
             why = each.detection.reason or "another thing is taken for it"
             raise CalibrationError(f"{each.picture} the target is not found again through the camera model: {why}")
-        contradiction = disagreement(fit.usable, distance_relative_sigma=self._relative_sigma)
-        if contradiction is not None:
-            raise CalibrationError(_in_words(contradiction))
+        if fit.outliers:
+            raise CalibrationError("; ".join(fit.outlier_words))
         if fit.calibration is None:
             raise CalibrationError("there is no distance yet; take one")
         return fit.calibration
@@ -239,18 +234,3 @@ def steady_size(name: str, detection: Detection, sizes_px: Sequence[float]) -> t
 def apparent_px(detection: Detection) -> float:
     """Return the apparent size of a target that was found, one figure for both axes."""
     return math.sqrt(detection.width_px * detection.height_px)
-
-
-def _in_words(found: Disagreement) -> str:
-    apart = (
-        f"{found.nearer.picture} and {found.farther.picture} contradict each other: their focal lengths are"
-        f" {abs(found.share):.1%} apart, and {found.allowed_share:.1%} is the most that tape and edges allow."
-    )
-    causes = (
-        " Usual causes: the focus moved (switch autofocus off); a distance was not measured from the lens to the"
-        " target's nearest point; the size is wrong; something else was found."
-    )
-    if abs(found.offset_m) > NO_MISTAKE_M:
-        return apart + causes
-    longer = "longer" if found.offset_m > 0 else "shorter"
-    return f"{apart}{causes} They would agree if both distances were {abs(found.offset_m) * 100:.1f} cm {longer}."
