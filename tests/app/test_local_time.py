@@ -7,8 +7,9 @@ from zoneinfo import ZoneInfo
 import pytest
 
 from stadimeter.app.clock import TimeOfDay
-from stadimeter.app.local_time import sun_times_s, wall_time
+from stadimeter.app.local_time import wall_time
 from stadimeter.config.loader import load_configuration
+from stadimeter.config.sun import sun_times_s
 from stadimeter.core.observation import MonthDay
 from support.simulated_run import SIMULATED_BALL
 

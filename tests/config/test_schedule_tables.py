@@ -1,6 +1,7 @@
 """Schedules, places and orders of rules as they are written, and what is wrong with them."""
 
 import importlib.util
+import re
 
 import pytest
 
@@ -118,3 +119,28 @@ def test_a_test_has_a_date_only_with_a_time_of_day_and_without_a_day_of_the_week
         load(rule + test % "")
     with pytest.raises(ConfigError, match="2026-12-24 has a day of the week of its own"):
         load(rule + test % ", clock = '12:00', day = 'mon'")
+
+
+STOCKHOLM = "[place]\nlatitude = 59.3\nlongitude = 18.1\ntime_zone = 'Europe/Stockholm'\n"
+
+
+@pytest.mark.parametrize(
+    ("between", "words"),
+    [
+        (
+            "'sunset', '22:00'",
+            r"it is empty on (2\d|3\d) of the next 367 days on which it may hold: 06-\d\d to 07-\d\d",
+        ),
+        ("'sunset', 'sunset - 1 h'", r"it is empty on 367 of the next 367 days"),
+    ],
+)
+def test_days_on_which_a_schedule_by_the_sun_is_empty_are_named(load, between, words):
+    (warning,) = [
+        each for each in load(near(f"{{ between = [{between}] }}"), STOCKHOLM).warnings if each.code == "empty-days"
+    ]
+    assert re.match(words, warning.message)
+
+
+def test_a_night_that_comes_every_day_is_not_warned_of(load):
+    loaded = load(near("{ between = ['sunset', 'sunrise'] }"), STOCKHOLM)
+    assert [each for each in loaded.warnings if each.code == "empty-days"] == []

@@ -94,6 +94,26 @@ def test_one_side_by_the_clock_goes_on_while_the_sun_does_not_come():
     assert until_sunrise.covers(at(date(2026, 6, 21), 23.0, POLAR_DAY)) is False
 
 
+@pytest.mark.parametrize(
+    ("schedule", "sun", "expected"),
+    [
+        # Stockholm in June and in December: it ends at 22:00 on the same day, or does not begin.
+        (ScheduleCondition(from_s=0.0, to_s=22 * HOUR_S, from_sun="sunset"), (3.5, 22.1), []),
+        (ScheduleCondition(from_s=0.0, to_s=22 * HOUR_S, from_sun="sunset"), (8.7, 14.8), [15, 16, 17, 18, 19, 20, 21]),
+        (ScheduleCondition(from_s=5 * HOUR_S, to_s=0.0, to_sun="sunrise"), (3.5, 22.1), []),
+        (ScheduleCondition(from_s=5 * HOUR_S, to_s=0.0, to_sun="sunrise"), (8.7, 14.8), [5, 6, 7, 8]),
+        # What begins in the afternoon and ends in the morning goes over midnight in every season.
+        (ScheduleCondition(from_s=0.0, to_s=2 * HOUR_S, from_sun="sunset"), (3.5, 22.1), [0, 1, 23]),
+        (ScheduleCondition(from_s=22 * HOUR_S, to_s=0.0, to_sun="sunrise"), (3.5, 22.1), [0, 1, 2, 3, 22, 23]),
+        (ScheduleCondition(from_s=0.0, to_s=0.0, from_sun="sunset"), (3.5, 20.5), [21, 22, 23]),
+        (ScheduleCondition(from_s=0.0, to_s=-HOUR_S, from_sun="sunset", to_sun="sunset"), (6.0, 18.0), []),
+    ],
+)
+def test_only_what_begins_in_the_afternoon_and_ends_in_the_morning_goes_over_midnight(schedule, sun, expected):
+    day = date(2026, 6, 15)
+    assert [hour for hour in range(24) if schedule.covers(at(day, float(hour), seconds(*sun)))] == expected
+
+
 def test_an_offset_may_reach_over_midnight():
     late = ScheduleCondition(from_s=0.5 * HOUR_S, to_s=0.0, from_sun="sunset", to_sun="sunrise")
     sun = seconds(3.0, 23.75)  # an evening in the far north: it begins at 00:15

@@ -14,6 +14,7 @@ from stadimeter.config.analysis import Subject
 from stadimeter.config.extras import missing
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import WrittenCondition
+from stadimeter.config.sun import HORIZON_DEG, sun_times_s
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.discrete import ScheduleCondition
@@ -29,8 +30,8 @@ _AHEAD_DAYS = 366
 _EVERY_DAY = ScheduleCondition(from_s=0.0, to_s=0.0)
 _YEAR = datetime(2000, 1, 1)  # noqa: DTZ001 - its dates count
 
-# The largest declination of the sun; and the height of its middle when its upper edge is at the horizon.
-_TROPIC_DEG, _HORIZON_DEG = 23.44, -0.833
+# The largest declination of the sun.
+_TROPIC_DEG = 23.44
 
 # Nearer to a pole than a degree, the sun can rise or set on no more days of a year than this.
 _FEW_DAYS = 12
@@ -71,6 +72,7 @@ def schedule_warnings(subject: Subject) -> Iterator[Finding]:
     for each in subject.rules:
         if isinstance(rule := each.rule, ReportRule):
             ends += [(each.at("at"), _EVERY_DAY, "sends", "sends nothing", at_s) for at_s in rule.at_seconds]
+    yield from _empty_days(subject)
     if ends:
         zone = subject.draft.place.zone if subject.draft.place is not None else None
         days, said = _days_of_change(zone), defaultdict[KeyPath, list[str]](list)
@@ -78,6 +80,36 @@ def schedule_warnings(subject: Subject) -> Iterator[Finding]:
             said[at] += _at_change(leaf, does, if_skipped, at_s, zone, days)
         hint = "choose another time if that matters"
         yield from (Finding(at, "; ".join(words), hint, "clocks-changed") for at, words in said.items() if words)
+
+
+def _empty_days(subject: Subject) -> Iterator[Finding]:
+    """Name the days of the year ahead on which schedules by the sun are empty."""
+    place = subject.draft.place
+    if place is None or place.latitude is None or place.longitude is None:
+        return
+    for written in subject.leaves:
+        if not isinstance(leaf := written.leaf, ScheduleCondition) or not leaf.is_by_sun:
+            continue
+        days, empty = [], []
+        for day in _days_ahead(place.zone):
+            if leaf.begins_on(MonthDay(day.month, day.day)):
+                days.append(day)
+                rises_s, sets_s = sun_times_s(place.latitude, place.longitude, place.zone, day.date())
+                wall = WallTime(second_of_day=0.0, weekday=0, sunrise_s=rises_s, sunset_s=sets_s)
+                low_s, high_s = leaf.interval_s(wall) or (0.0, 0.0)
+                empty += [] if low_s < high_s else [day]
+        if empty:
+            message = f"it is empty on {len(empty)} of the next {len(days)} days on which it may hold: {_spans(empty)}"
+            hint = "its end comes first then; write another time if it shall hold on these days too"
+            yield Finding((*written.limits_path, "between"), message, hint, "empty-days")
+
+
+def _spans(days: list[datetime]) -> str:
+    """Return days in order as spans, such as ``06-08 to 07-03``."""
+    firsts = [day for at, day in enumerate(days) if not at or day - days[at - 1] > timedelta(days=1)]
+    lasts = [day for at, day in enumerate(days) if at + 1 == len(days) or days[at + 1] - day > timedelta(days=1)]
+    pairs = zip(firsts, lasts, strict=True)
+    return ", ".join(f"{first:%m-%d} to {last:%m-%d}" if first != last else f"{first:%m-%d}" for first, last in pairs)
 
 
 def _comes(leaf: ScheduleCondition, latitude_deg: float) -> bool:
@@ -102,9 +134,9 @@ def _polar_sun_s(latitude_deg: float, number: int) -> tuple[float, float] | None
     """
     declination_deg = -_TROPIC_DEG * math.cos(2 * math.pi * (number + 10) / 365.25)
     noon_deg, midnight_deg = 90 - abs(latitude_deg - declination_deg), abs(latitude_deg + declination_deg) - 90
-    if noon_deg < _HORIZON_DEG - 1:
+    if noon_deg < HORIZON_DEG - 1:
         return math.inf, -math.inf
-    return (-math.inf, math.inf) if midnight_deg > _HORIZON_DEG + 1 else None
+    return (-math.inf, math.inf) if midnight_deg > HORIZON_DEG + 1 else None
 
 
 def _order(subject: Subject, written: WrittenCondition, leaf: SequenceCondition) -> Iterator[Finding]:
@@ -121,9 +153,12 @@ def _order(subject: Subject, written: WrittenCondition, leaf: SequenceCondition)
 
 def _days_of_change(zone: tzinfo | None) -> list[datetime]:
     """Return the days of the year ahead, as their midnights, on which clocks are changed."""
+    return [day for day, after in pairwise(_days_ahead(zone)) if _offsets_s(day, zone) != _offsets_s(after, zone)]
+
+
+def _days_ahead(zone: tzinfo | None) -> list[datetime]:
     today = datetime.combine(datetime.now(zone), datetime.min.time())
-    days = [today + timedelta(days=number) for number in range(_AHEAD_DAYS + 1)]
-    return [day for day, after in pairwise(days) if _offsets_s(day, zone) != _offsets_s(after, zone)]
+    return [today + timedelta(days=number) for number in range(_AHEAD_DAYS + 1)]
 
 
 def _at_change(

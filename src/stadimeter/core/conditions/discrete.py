@@ -17,6 +17,9 @@ from stadimeter.core.words import length
 
 Sun = Literal["", "sunrise", "sunset"]
 
+# When the sun rises and sets at the equinoxes, everywhere.
+_USUAL_SUN_S = {"": 0.0, "sunrise": DAY_S / 4, "sunset": DAY_S * 3 / 4}
+
 
 class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
     """Whether the target is in sight.
@@ -153,8 +156,7 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
 
     Attributes:
         from_s: It begins this long after midnight, or after what `from_sun` names.
-        to_s: It ends this long after midnight, or after what `to_sun` names; before or at the beginning, on the day
-            after.
+        to_s: It ends this long after midnight, or after what `to_sun` names, on that day or the day after.
         weekdays: On these days, 0 for Monday; the day on which it begins counts. Empty for every day.
         dates: In these spans, likewise; empty for every day.
         from_sun: Empty for midnight.
@@ -179,14 +181,36 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
         """Whether it goes by the sun."""
         return bool(self.from_sun or self.to_sun)
 
-    def covers(self, wall: WallTime) -> bool | None:
-        """Return whether a local time of day is within it; None if the date or the sun is not known."""
+    @property
+    def _ends_next_day(self) -> bool:
+        """Whether it ends on the day after it begins.
+
+        Two times of the clock do where the second is not the later one. With the sun that differs from season to
+        season, so there it is what begins in the afternoon and ends in the morning, with sunrise taken at 6 and sunset
+        at 18 o'clock. From sunset to 22:00 then holds on no other day, however late the sun sets.
+        """
+        if not self.is_by_sun:
+            return self.to_s <= self.from_s
+        begins_s, ends_s = _USUAL_SUN_S[self.from_sun] + self.from_s, _USUAL_SUN_S[self.to_sun] + self.to_s
+        return begins_s >= DAY_S / 2 >= ends_s
+
+    def interval_s(self, wall: WallTime) -> tuple[float, float] | None:
+        """Return when it begins and ends, in seconds since midnight; None if the sun is not known.
+
+        It is empty where the end is not the later one.
+        """
         low_s = _of_day(wall, self.from_sun, self.from_s) if self.from_sun else self.from_s
         high_s = _of_day(wall, self.to_sun, self.to_s) if self.to_sun else self.to_s
-        if low_s is None or high_s is None or (self.dates and not wall.dates):
+        if low_s is None or high_s is None:
             return None
-        if high_s <= low_s:
-            high_s += DAY_S
+        return low_s, high_s + DAY_S * self._ends_next_day
+
+    def covers(self, wall: WallTime) -> bool | None:
+        """Return whether a local time of day is within it; None if the date or the sun is not known."""
+        interval_s = self.interval_s(wall)
+        if interval_s is None or (self.dates and not wall.dates):
+            return None
+        low_s, high_s = interval_s
         now_s = wall.second_of_day
         # It may have begun yesterday; and one of tomorrow that begins long before sunrise may begin today.
         for day in (0, -1, 1) if low_s < 0 else (0, -1):
