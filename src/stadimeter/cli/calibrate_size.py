@@ -85,7 +85,7 @@ def size(
     live: LiveOption = None,
     moves: _Moves = None,
     step_error: _StepError = 2.0,
-    place_error: _PlaceError = "5mm",
+    place_error: _PlaceError = "4mm",
     turn_error: _TurnError = 2.0,
 ) -> None:
     """Find out how large a thing is, from how it grows in the picture as the camera comes nearer.
