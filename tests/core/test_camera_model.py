@@ -155,3 +155,22 @@ def test_the_edge_bias_grows_with_the_picture() -> None:
 def test_another_aspect_is_refused() -> None:
     with pytest.raises(CalibrationError, match="another aspect"):
         BARREL.scaled_to(640, 360)
+
+
+@pytest.mark.parametrize(
+    ("cx_px", "cy_px", "key"),
+    [(4000.0, 239.5, "cx_px"), (-1.0, 239.5, "cx_px"), (319.5, 480.0, "cy_px"), (math.nan, 0.0, "cx_px")],
+)
+def test_an_optical_centre_outside_the_picture_is_refused(cx_px: float, cy_px: float, key: str) -> None:
+    with pytest.raises(CalibrationError, match=f"optical centre {key} = .* is outside the 640x480 px") as raised:
+        CameraModel(width_px=640, height_px=480, fx_px=600.0, fy_px=600.0, cx_px=cx_px, cy_px=cy_px)
+    assert raised.value.key == key
+
+
+def test_an_optical_centre_more_than_a_tenth_from_the_middle_is_remarked_on() -> None:
+    def words(cx_px: float, cy_px: float) -> str:
+        lens = CameraModel(width_px=640, height_px=480, fx_px=600.0, fy_px=600.0, cx_px=cx_px, cy_px=cy_px)
+        return lens.off_centre_words
+
+    assert words(319.5 + 63, 239.5 - 47) == ""
+    assert "is 30% of the picture from its middle" in words(319.5, 239.5 - 144)

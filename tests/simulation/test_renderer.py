@@ -151,7 +151,7 @@ def test_a_ball_that_touches_the_lens_plane_is_cut_off_and_drawn_all_the_same() 
         CameraModel.with_focal_length(100.0, 640, 480),
         CameraModel.with_focal_length(2600.0, 1920, 1080),
         CameraModel.with_focal_length(60.0, 64, 48),
-        CameraModel(width_px=640, height_px=480, fx_px=600, fy_px=600, cx_px=319.5, cy_px=-200.0),
+        CameraModel(width_px=640, height_px=480, fx_px=600, fy_px=600, cx_px=319.5, cy_px=0.0),
     ],
     ids=["very wide", "long and large", "thumbnail", "looking down"],
 )

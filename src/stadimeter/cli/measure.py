@@ -276,7 +276,10 @@ def _camera_model(
     if isinstance(file, CameraModel):
         return file
     if file is not None:
-        return load_camera_model(file)
+        model = load_camera_model(file)
+        if words := model.off_centre_words:
+            say_note(words)
+        return model
     if wanted is not None and wanted.camera_model is not None:
         return wanted.camera_model
     if wanted is None and is_configured:

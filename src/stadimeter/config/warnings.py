@@ -55,7 +55,7 @@ def warning_findings(draft: Draft) -> Iterator[Finding]:
     """Find what to look at again in a configuration without errors."""
     yield from draft.renamed
     yield from _about_rules(draft)
-    for check in (rule_test_warnings, secret_warnings, _clips_written, *_ABOUT_DRIVERS):
+    for check in (rule_test_warnings, secret_warnings, _clips_written, _lens_centred, *_ABOUT_DRIVERS):
         yield from check(draft)
 
 
@@ -359,6 +359,11 @@ def _clips_written(draft: Draft) -> Iterator[Finding]:
             if draft.black_box is None and getattr(table, key) == OperatorAction.CLIP:
                 message = f"the button '{name}' orders a clip, and there is no black box"
                 yield Finding(("buttons", name, key), message, "add the section [black_box]", "no-black-box")
+
+
+def _lens_centred(draft: Draft) -> Iterator[Finding]:
+    if draft.camera_model is not None and (words := draft.camera_model.off_centre_words):
+        yield Finding(("camera", "model"), words, "calibrate with a board", "off-centre")
 
 
 _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (

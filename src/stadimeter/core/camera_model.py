@@ -31,6 +31,10 @@ UNKNOWN_EDGE_BIAS_SIGMA_PX = 0.1
 # seconds. The focal length in millimetres, written by mistake, is shorter.
 MIN_FOCAL, MAX_FOCAL = 0.02, 1e4
 
+# How far the optical centre may be from the middle, as a share of the picture's width or height: it is in the picture,
+# and of lenses that are mounted straight within a tenth.
+MAX_OFF_CENTRE, USUAL_OFF_CENTRE = 0.5, 0.1
+
 
 def is_one_aspect(one_px: tuple[int, int], other_px: tuple[int, int]) -> bool:
     """Return whether two widths and heights are resolutions of one view, so that one lens fits both."""
@@ -109,8 +113,13 @@ class CameraModel(Struct, frozen=True, kw_only=True):
             raise CalibrationError(f"a camera of {self.width_px}x{self.height_px} px has no pixels", "width_px")
         for name, value in (("fx_px", self.fx_px), ("fy_px", self.fy_px)):
             self._check_focal_length(name, value)
-        if not (math.isfinite(self.cx_px) and math.isfinite(self.cy_px)):
-            raise CalibrationError(f"optical centre {self.cx_px}, {self.cy_px} is not finite", "cx_px")
+        for name, share in zip(("cx_px", "cy_px"), self.off_centre_shares, strict=True):
+            if not share <= MAX_OFF_CENTRE:
+                raise CalibrationError(
+                    f"optical centre {name} = {getattr(self, name):g} is outside the {self.width_px}x{self.height_px} "
+                    "px of the picture; no lens has it there: leave it out for the middle, or calibrate with a board",
+                    name,
+                )
         self._check_sigma("focal_relative_sigma", self.focal_relative_sigma)
         self._check_sigma("edge_bias_sigma_px", self.edge_bias_sigma_px)
         if self.tone_curve not in TONE_CURVES:
@@ -122,6 +131,23 @@ class CameraModel(Struct, frozen=True, kw_only=True):
             raise CalibrationError(f"edge_bias_px = {self.edge_bias_px} is not finite", "edge_bias_px")
         check_coefficients(self.distortion)
         self._check_reach()
+
+    @property
+    def off_centre_shares(self) -> tuple[float, float]:
+        """How far the optical axis is from the middle of the picture, as shares of its width and its height."""
+        across, down = self.cx_px - (self.width_px - 1) / 2, self.cy_px - (self.height_px - 1) / 2
+        return abs(across) / self.width_px, abs(down) / self.height_px
+
+    @property
+    def off_centre_words(self) -> str:
+        """What to look at again where the optical centre is far from the middle; empty where it is near by."""
+        worst = max(self.off_centre_shares)
+        if worst <= USUAL_OFF_CENTRE:
+            return ""
+        return (
+            f"the optical centre, cx_px = {self.cx_px:g} and cy_px = {self.cy_px:g}, is {worst:.0%} of the picture "
+            "from its middle: unless the picture was cropped or the lens is shifted, directions and distances are wrong"
+        )
 
     def _check_sigma(self, name: str, value: float) -> None:
         if not (math.isfinite(value) and value >= 0):
