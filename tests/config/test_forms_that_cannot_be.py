@@ -59,7 +59,6 @@ CONDITIONS = {
     # Counts and sums of what other rules did.
     'count = { rule = "near", at_least = 2, since = "25:00" }': "error bad-value",
     'count = { rule = "x", at_least = 2, within = "1 h" }': "error reference-cycle",
-    'count = { rule = "near", at_least = 11, within = "1 min" }': "warning never-true",
     'count = { rule = "report", at_least = 2, within = "1 h" }': "error never-true",
     'active_for = { rule = "near", at_least = "25 h", within = "today" }': "error never-true",
     'count = { at_least = 3 }': "error never-true",
@@ -98,6 +97,9 @@ CONDITIONS = {
 
 # Whole rules, places and figures.
 OTHERS = {
+    "a count beyond the limit that was written for what is counted":
+        '[rules.x]\ntarget = "ball"\nwhen = { below = "1 m" }\nraises_per_min_max = 10\n[rules.y]\n'
+        'when = { count = { rule = "x", at_least = 11, within = "1 min" } }  # warning never-true\n',
     "two rules that count each other":
         '[rules.x]\nwhen = { count = { rule = "y", at_least = 2, within = "1 min" } }  # error reference-cycle\n'
         '[rules.y]\nwhen = { active_for = { rule = "x", at_least = "1 s", within = "1 min" } }\n',

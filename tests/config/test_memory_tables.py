@@ -52,6 +52,19 @@ def test_conditions_are_compiled(load, written, expected):
     assert load(f"{NEAREST}[rules.often]\nwhen = {{ {written} }}\n").plan.rules[1].condition == expected
 
 
+def test_what_is_counted_has_no_limit_on_chattering_unless_one_is_written(load):
+    """With the limit of 10 a minute, 15 visits counted as 10."""
+    for limit, expected in (("", 0), ("raises_per_min_max = 4\n", 4)):
+        rules = load(
+            f'{OFTEN}[rules.far]\nwhen = {{ above = "2 m" }}\n'.replace("near", "far", 1).replace(
+                "[rules.far]\n", f"[rules.far]\n{limit}"
+            )
+        )
+        by_name = {rule.name: rule for rule in rules.plan.rules}
+        assert by_name["far"].raises_per_min_max == expected
+        assert by_name["near"].raises_per_min_max == by_name["often"].raises_per_min_max == 10
+
+
 def test_a_rule_of_several_targets_counts_as_one(load):
     more = '[rules.any]\ntargets = ["ball"]\nwhen = { below = "50 cm" }\n'
     condition = load(more + OFTEN.replace('"near"', '"any"')).plan.rules[2].condition
@@ -72,7 +85,7 @@ def test_figures_and_messages_are_compiled_and_described(load):
     sentences = " ".join(describe(configuration))
     assert "Remembers `nearest`: the minimum of the distance of `ball` today." in sentences
     assert "`report` sends `a` at 00:00 and 12:00." in sentences
-    assert "when `raises of near within 1 min` is above 2 times" in sentences
+    assert "when `raises of near within 1 min` is at least 3 times" in sentences
 
 
 def test_messages_have_a_gate_and_steps_with_conditions(load):

@@ -7,12 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from stadimeter.core.condition_words import describe_verdict
+from stadimeter.core.condition_words import collect_evidence, describe_begin, describe_end, describe_verdict
 from stadimeter.core.conditions.compounds import judge, judged_by_cycle
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.conditions.summary import Window
 from stadimeter.core.observation import WallTime
 from stadimeter.core.track import Track, TrackStatus
 from support.conditions import closing, direction, separation
@@ -104,7 +106,19 @@ def test_a_figure_that_is_not_finite_is_not_known_either(condition, broken):
 def test_between_needs_both_limits():
     between = DistanceCondition(above_m=1.0, below_m=2.0, target="ball")
     assert [holds(between, track(d)) for d in (0.9, 1.5, 2.1)] == [False, True, False]
-    assert words(between, track(1.5)) == "1.50 m ± 0.02, between 1.00 and 2.00 m: P 1.00, begins at 0.70"
+    assert words(between, track(1.5)) == "1.50 m ± 0.02, between 1.00 m and 2.00 m: P 1.00, begins at 0.70"
+
+
+def test_a_count_of_raises_says_the_number_that_is_enough_everywhere():
+    twice = RememberedCondition(rules=("near",), unit="times", above=1.0, window=Window(for_s=60.0), owner="often")
+    once = inputs(figures={twice.key: 1.0})
+    (found,) = collect_evidence(twice, once, (), is_active=False)
+    assert found.words == "near raised 1 of 2 times within 1 min"
+    assert found.begins_at == "2 times"
+    assert describe_begin(twice) == "`raises of near within 1 min` is at least 2 times"
+    assert describe_end(twice) == "`raises of near within 1 min` is below 2 times"
+    (found,) = collect_evidence(twice, inputs(figures={twice.key: 2.0}), (), is_active=True)
+    assert found.ends_at == "1 times"
 
 
 def test_depth_can_be_meant_instead_of_distance():

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.config.units import parse_duration
-from stadimeter.core.words import duration, rounded_duration
+from stadimeter.core.words import duration, figure_in_words, length, rounded_duration, short_figure, uncertain_figure
 from support.each_case import each_case
 
 
@@ -33,3 +33,25 @@ def test_a_written_duration_is_read_as_the_same_one(seconds):
 )  # fmt: skip
 def test_a_measured_duration_is_rounded_to_three_digits(seconds, words):
     assert rounded_duration(seconds) == words
+
+
+@each_case(
+    ("value", "unit", "words"),
+    [(2.434, "m", "2.43 m"), (0.0421, "m", "42.1 mm"), (0.004, "m/s", "4 mm/s"), (0.0023, "s", "2.3 ms"),
+     (0.0, "m", "0.00 m"), (-0.0421, "m", "-42.1 mm"), (math.radians(12.34), "rad", "12.3°"),
+     (math.radians(0.0421), "rad", "0.0421°"),
+     (14.0, "times", "14 times"), (14 + 2 / 3, "times", "14.7 times"), (0.0012, "m/s²", "0.0012 m/s²")],
+)  # fmt: skip
+def test_a_figure_has_three_significant_digits_and_a_unit_of_its_size(value, unit, words):
+    assert short_figure(value, unit) == words
+
+
+def test_no_small_figure_is_written_as_nothing():
+    assert length(0.004) == "4 mm (0.157 in)"
+    assert uncertain_figure("sideways speed", 0.31, 0.0012, "m/s") == "sideways speed 0.31 m/s ± 0.0012"
+    assert uncertain_figure("sideways speed", 0.031, 0.0012, "m/s") == "sideways speed 31 mm/s ± 1.2"
+
+
+@each_case(("seconds", "words"), [(44 / 3, "14.7 s"), (10.25, "10.25 s"), (1234.5, "1234.5 s")])
+def test_seconds_are_as_they_were_written_or_rounded(seconds, words):
+    assert figure_in_words(seconds, "s") == words

@@ -142,7 +142,7 @@ def _evidence(part: JudgedLeaf, inputs: RuleInputs) -> Evidence:
     reading = leaf.reading(inputs, is_on)
     words = _part_words(part, inputs, names_target=True, with_probability=True)
     # Below a `not` the whole begins when this part ends.
-    begin, end = (leaf.turning_points(inputs, is_on=side) for side in (part.is_inverted, not part.is_inverted))
+    begin, end = (_turning_points(leaf, inputs, is_on=side) for side in (part.is_inverted, not part.is_inverted))
     return Evidence(
         quantity=leaf.noun,
         about=leaf.rules_named or leaf.targets_named,
@@ -157,6 +157,11 @@ def _evidence(part: JudgedLeaf, inputs: RuleInputs) -> Evidence:
         begin_points=begin,
         end_points=end,
     )
+
+
+def _turning_points(leaf: Leaf, inputs: RuleInputs, *, is_on: bool) -> tuple[float, ...]:
+    """Return the figures at which a part begins or ends; of a count, which is above n - 1, the number n itself."""
+    return tuple(each + (leaf.unit == "times" and not is_on) for each in leaf.turning_points(inputs, is_on=is_on))
 
 
 def _part_words(  # noqa: PLR0911 - one for each kind
@@ -242,14 +247,11 @@ def _value_words(leaf: Leaf, reading: JudgedFigure) -> str:  # noqa: PLR0911 - o
 
 
 def _threshold_words(reading: JudgedFigure, unit: str) -> str:
-    digits = {"rad": 1, "times": 0}.get(unit, 2)
-    scale, unit = (math.degrees(1.0), "°") if unit == "rad" else (1.0, f" {unit}")
-    low, high = reading.low * scale, reading.high * scale
-    if math.isinf(low):
-        return f"below {high:.{digits}f}{unit}"
-    if math.isinf(high):
-        return f"above {low:.{digits}f}{unit}"
-    return f"between {low:.{digits}f} and {high:.{digits}f}{unit}"
+    if math.isinf(reading.low):
+        return f"below {short_figure(reading.high, unit)}"
+    if math.isinf(reading.high):
+        return f"above {short_figure(reading.low, unit)}"
+    return f"between {short_figure(reading.low, unit)} and {short_figure(reading.high, unit)}"
 
 
 def _presence_words(leaf: PresenceCondition, inputs: RuleInputs) -> str:
@@ -373,6 +375,8 @@ def _within_words(leaf: Leaf) -> str:
     low, high = leaf.limits
     below, above = _sides(leaf)
     along = " along the optical axis" if leaf.noun == "depth" else ""
+    if leaf.unit == "times" and math.isfinite(low):
+        return f"at least {figure_in_words(low + 1, leaf.unit)}"
     if math.isfinite(low) and math.isfinite(high):
         return f"between {figure_in_words(low, leaf.unit)} and {figure_in_words(high, leaf.unit)}{along}"
     side = (
@@ -386,7 +390,7 @@ def _within_words(leaf: Leaf) -> str:
 def _back_words(leaf: LimitsCondition | TimeToContactCondition, deadband: float) -> str:
     """Return where a condition ends, which the deadband moves away from where it begins."""
     (low, high), sigmas, (below, above) = leaf.limits, leaf.deadband_sigmas, _sides(leaf)
-    fixed = 0.0 if sigmas else deadband
+    fixed = 0.0 if sigmas else deadband - (leaf.unit == "times")  # a count that ends is below n, above n - 1 no more
     there = [f"{below}{figure_in_words(low - fixed, leaf.unit)}"] if math.isfinite(low) else []
     there += [f"{above}{figure_in_words(high + fixed, leaf.unit)}"] if math.isfinite(high) else []
     if not sigmas:

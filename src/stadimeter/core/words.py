@@ -14,27 +14,54 @@ def metres(value_m: float, sigma_m: float) -> str:
     return f"{value_m:.{digits}f} m ± {sigma_m:.{digits}f}"
 
 
+# Units in which small figures are given, and how many of them are one of the SI unit.
+_SMALL_UNITS = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "s": ("ms", 1e3)}
+
+
+def rounded(value: float, digits: int = 3) -> str:
+    """Return a figure with three significant digits and its whole part in full: ``14.7``, ``0.0421``, ``1234``."""
+    if not value or not math.isfinite(value):
+        return f"{value:g}"
+    text = f"{value:.{max(0, digits - 1 - math.floor(math.log10(abs(value))))}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
 def short_figure(value: float, unit: str) -> str:
-    """Return a figure that is in its SI unit, such as ``2.43 m`` or ``0.31 m/s``; an angle is in degrees."""
-    return f"{math.degrees(value):.1f}°" if unit == "rad" else f"{value:.2f} {unit}"
+    """Return a figure in its SI unit or a smaller one: ``2.43 m``, ``42.1 mm``, ``0.31 m/s``; angles are in degrees."""
+    if unit == "rad":
+        value, unit = math.degrees(value), "°"
+    is_small = 0 < abs(value) < 0.1
+    if unit == "°":
+        return f"{rounded(value)}°" if is_small else f"{value:.1f}°"
+    if unit == "times" or (is_small and unit not in _SMALL_UNITS):
+        return f"{rounded(value)} {unit}"
+    smaller, scale = _SMALL_UNITS.get(unit, (unit, 1.0))
+    return f"{rounded(value * scale)} {smaller}" if is_small else f"{value:.2f} {unit}"
 
 
 def uncertain_figure(noun: str, value: float, sigma: float, unit: str) -> str:
     """Return a figure with its standard deviation, such as ``sideways speed 0.31 m/s ± 0.02``."""
     if noun in {"distance", "depth"}:
         return metres(value, sigma)
-    return f"{noun} {short_figure(value, unit)} ± {math.degrees(sigma) if unit == 'rad' else sigma:.2f}"
+    sigma = math.degrees(sigma) if unit == "rad" else sigma
+    if 0 < abs(value) < 0.1 and unit in _SMALL_UNITS:
+        sigma *= _SMALL_UNITS[unit][1]
+        return f"{noun} {short_figure(value, unit)} ± {rounded(sigma, 2)}"
+    about = rounded(sigma, 2) if 0 < sigma < 0.005 else f"{sigma:.2f}"
+    return f"{noun} {short_figure(value, unit)} ± {about}"
 
 
 def length(value_m: float) -> str:
     """Return a length in metres and in feet, such as ``3.05 m (10.0 ft)``."""
+    if 0 < abs(value_m) < 0.1:
+        return f"{short_figure(value_m, 'm')} ({rounded(value_m / FOOT_M * 12)} in)"
     return f"{value_m:.2f} m ({value_m / FOOT_M:.1f} ft)"
 
 
 def figure_in_words(value: float, unit: str) -> str:
     """Return a figure that is in its SI unit, such as ``0.60 m (2.0 ft)``; an angle is in degrees."""
-    if unit in {"s", "times"}:
-        return f"{value:g} {unit}"
+    if unit == "s":
+        return _seconds(value)
     return length(value) if unit == "m" else short_figure(value, unit)
 
 
@@ -46,7 +73,13 @@ def duration(seconds: float) -> str:
     for unit, unit_s in _LONG_UNITS:
         if seconds >= unit_s and seconds % unit_s == 0:
             return f"{seconds / unit_s:g} {unit}"
-    return f"{seconds:g} s"
+    return _seconds(seconds)
+
+
+def _seconds(seconds: float) -> str:
+    """Return seconds as they were written, or rounded if they are no written figure, such as 44/3."""
+    exact = f"{seconds:.3f}".rstrip("0").rstrip(".")
+    return f"{exact if float(exact) == seconds else rounded(seconds)} s"
 
 
 def rounded_duration(seconds: float) -> str:

@@ -141,12 +141,29 @@ def compile_rules(
         names: What names of groups and of figures stand for.
     """
     names = names._replace(rules={name: each.names(name) for name, each in tables.items() if each.targets is not None})
-    return tuple(
+    compiled = [
         _naming_members(rule, names)
         for section, table in tables.items()
         if any(getattr(table, kind) is not None for kind in KINDS)
         for rule in _compiled(section, table, written[section], targets)
-    )
+    ]
+    counted = {
+        name
+        for each in compiled
+        for written_condition in each.conditions()
+        for leaf in leaves(written_condition.condition)
+        if isinstance(leaf, RememberedCondition) and leaf.unit == "times"
+        for name in leaf.rules
+    }
+    return tuple(_without_limit(each) if each.rule.name in counted else each for each in compiled)
+
+
+def _without_limit(compiled: CompiledRule) -> CompiledRule:
+    """Return a rule that is counted without the limit on chattering, which would hide raises, unless it was written."""
+    rule = compiled.rule
+    if isinstance(rule, AlarmRule) and "raises_per_min_max" not in compiled.table:
+        return replace(compiled, rule=replace(rule, raises_per_min_max=0))
+    return compiled
 
 
 def _compiled(
