@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -16,6 +16,7 @@ from stadimeter.core.operator import OperatorCommand
 from stadimeter.errors import DriverError
 from stadimeter.operator_actions import OperatorAction
 from stadimeter.testing.rig import ManualClock, eventually
+from stadimeter.watchdog.__main__ import RunWatch
 from support.recording_doubles import RecordingActuator
 
 SAFE = LevelCommand(output="motor", level=0.0)
@@ -44,9 +45,9 @@ class Run:
 
     @property
     def last(self) -> list[str]:
-        """The words of the newest line, without times of this computer's clock."""
+        """The words of the newest line, without its number and times of this computer's clock."""
         words = self.told[-1].split() if self.told else []
-        return [words[0], *words[2:]] if words[:1] == ["acts"] else words
+        return [words[0], *words[3:]]
 
 
 @pytest.fixture
@@ -74,6 +75,78 @@ def test_a_lease_that_runs_out_tells_that_the_output_rests_and_nothing_but_a_cyc
     run.output.check(run.clock.now_s())
     run.act()
     assert len(run.told) == 2
+
+
+def test_a_command_that_ends_the_motion_tells_so_before_its_cycle_is_over(run):
+    run.act()
+    run.link.note_cycle()
+    run.output.apply(SAFE)
+    assert run.last == ["rests"]
+
+
+@pytest.fixture
+def heard(run: Run, monkeypatch: pytest.MonkeyPatch) -> Iterator[RunWatch]:
+    """What the watchdog process makes of what is written, in the order in which it arrives."""
+    watch = RunWatch(os.getpid(), answers=os.open(os.devnull, os.O_WRONLY))
+    watch._take("limit 0.95")
+    monkeypatch.setattr(run.link, "_write", lambda words: watch._take(words.rstrip()))
+    yield watch
+    os.close(watch._process)
+    os.close(watch._answers)
+
+
+def delay(run: Run, monkeypatch: pytest.MonkeyPatch, word: str, meanwhile: Callable[[], None]) -> None:
+    """Let something happen between the look at the outputs that the next such report is made of, and its writing."""
+    write = run.link._write
+
+    def write_late(words: str) -> None:
+        if words.startswith(word):
+            monkeypatch.setattr(run.link, "_write", write)
+            meanwhile()
+        write(words)
+
+    monkeypatch.setattr(run.link, "_write", write_late)
+
+
+def test_an_output_whose_lease_ends_while_a_cycle_reports_it_is_known_to_rest(run, heard, monkeypatch):
+    def end_lease() -> None:
+        run.clock.advance_s(0.4)
+        run.output.check(run.clock.now_s())
+
+    run.act()
+    delay(run, monkeypatch, "acts", end_lease)
+    run.link.note_cycle()
+    assert run.output.acts_since_s() is None
+    assert heard._due_s is None, "it would be killed, and nothing would tell again that its outputs rest"
+
+
+def test_an_output_that_acts_again_while_its_rest_is_reported_is_watched(run, heard, monkeypatch):
+    def act_again() -> None:
+        run.act()
+        run.link.note_cycle()
+
+    run.act()
+    run.link.note_cycle()
+    run.clock.advance_s(0.4)
+    delay(run, monkeypatch, "rests", act_again)
+    run.output.check(run.clock.now_s())
+    assert run.output.acts_since_s() is not None
+    assert heard._due_s is not None
+
+
+def test_a_signal_that_stops_the_outputs_within_a_cycle_s_report_leaves_them_known_to_rest(run, heard, monkeypatch):
+    run.act()
+    delay(run, monkeypatch, "acts", run.output.make_safe)
+    run.link.note_cycle()
+    assert heard._due_s is None
+
+
+def test_every_answer_is_counted_though_another_thread_reads_them(run):
+    run.link.start()
+    for _ in range(300):
+        run.act()
+        run.link.note_cycle()
+    assert eventually(lambda: run.link._answered == 300)
 
 
 @pytest.mark.parametrize("stop", ["make_safe", "retire"])

@@ -84,7 +84,7 @@ class LeasedOutput:
         self.fault = ""
         # It stays at its safe value, whatever is commanded: while nothing would make it safe if this process died.
         self.is_held = False
-        # Called when it was put at its safe value by anything but a command; from any thread, and must not wait.
+        # Called when it was put at its safe value; from any thread, and must not wait.
         self.at_rest: Callable[[], None] = lambda: None
         self._driver = driver
         self._lease_s = lease_s
@@ -149,10 +149,13 @@ class LeasedOutput:
         with self._lock:
             if self.fault or self._retired:
                 return None
+            was_acting = self._command.captured_at_s is not None
             self._command = self.safe if self.is_held or self._is_stale(command, self._clock.now_s()) else command
             self._sent_s = self._clock.now_s()
             try:
                 applied = self._send()
+                if was_acting and self._command.captured_at_s is None:
+                    self.at_rest()  # at once: the cycle that commands this may take long yet
                 return None if self._stopped_again() else applied
             except DriverError as error:
                 self._fail(error)

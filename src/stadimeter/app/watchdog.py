@@ -4,6 +4,10 @@ Only a cycle renews what the watchdog process knows. That every output is at its
 whatever put them there: a lease that ran out, a signal, a fault. So a loop that is slow, or hangs, costs a run its
 outputs and not its life, as long as the guard can run; a process that is stopped or hangs as a whole is killed.
 
+Several threads report, and a signal handler may within any of them. So a report takes its number first, then looks at
+the outputs, and is written last: of two reports the one with the higher number has seen the newer state, in whatever
+order they arrive, and the watchdog process passes over the other one.
+
 When the watchdog process is gone, nothing would make outputs safe if we died. Then every output is stopped until a
 person releases them; see `core.safety`. A release starts a new watchdog process first.
 """
@@ -19,6 +23,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from itertools import count
 
 from stadimeter import watchdog
 from stadimeter.app.guard import make_all_safe
@@ -73,7 +78,8 @@ class WatchdogLink:
         self._process: subprocess.Popen[bytes] | None = None
         self._is_acting = self._is_reported = self._is_closed = False
         self._stops = 0
-        self._unanswered = 0
+        self._numbers = count(1)
+        self._asked = self._answered = 0
         self._heard_s = 0.0
         for output in outputs:
             output.at_rest = self.note_rest
@@ -99,7 +105,7 @@ class WatchdogLink:
             raise DriverError(f"the watchdog process cannot be started: {error.strerror}") from error
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        self._process, self._unanswered, self._is_acting = process, 0, False
+        self._process, self._asked, self._answered, self._is_acting = process, 0, 0, False
         assert process.stdin  # noqa: S101 - for the type checker
         os.set_blocking(process.stdin.fileno(), False)
         self._write(f"{self._plan}limit {self._limit_s}\n")
@@ -130,25 +136,28 @@ class WatchdogLink:
 
     def note_cycle(self) -> None:
         """Tell the process, at the end of a cycle, on how old data the outputs act."""
+        number = next(self._numbers)
         acting = self._acting_since()
         if not acting:
-            self.note_rest()
+            if self._is_acting:
+                self._write(f"rests {number}\n")
+            self._is_acting = False
             return
         now_s = time.monotonic()
-        if not self._unanswered:
+        if self._answered >= self._asked:
             self._heard_s = now_s
         elif now_s - self._heard_s > ANSWERS_WITHIN_S:
             self._lose(f"the watchdog process has not answered for {ANSWERS_WITHIN_S:g} s")
         age_s = max(0.0, self._now_s() - min(acting)) if self._now_s is not None else 0.0
         self._is_acting = True
-        self._unanswered += 1
-        self._write(f"acts {now_s} {age_s}\n")
+        self._asked += 1
+        self._write(f"acts {number} {now_s} {age_s}\n")
 
     def note_rest(self) -> None:
         """Tell the process if every output is at its safe value by now. From any thread, and from signal handlers."""
-        if self._is_acting and not self._acting_since():
-            self._is_acting = False
-            self._write("rests\n")
+        number = next(self._numbers)
+        if not self._acting_since():
+            self._write(f"rests {number}\n")
 
     def close(self, *, is_safe: bool) -> None:
         """Let the process end; unless every output is safe, it makes them so when this process ends."""
@@ -191,8 +200,9 @@ class WatchdogLink:
         assert process.stdout  # noqa: S101 - for the type checker
         with process.stdout:
             while heard := os.read(process.stdout.fileno(), 4096):
-                self._unanswered = max(0, self._unanswered - len(heard))
-                self._heard_s = time.monotonic()
+                if process is self._process:
+                    self._answered += len(heard)
+                    self._heard_s = time.monotonic()
         if process is self._process:
             self._lose("the watchdog process has ended")
 

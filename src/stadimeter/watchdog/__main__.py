@@ -4,9 +4,11 @@
 
     pin …, serial …, i2c …    what makes each output safe; see `stadimeter.watchdog.plan`
     limit SECONDS             for how long after its capture a picture may move anything; the first one ends the plan
-    acts SENT AGE             at the end of a cycle: an output acts, on data of this age in seconds, at this time
-    rests                     every output is at its safe value
+    acts NUMBER SENT AGE      at the end of a cycle: an output acts, on data of this age in seconds, at this time
+    rests NUMBER              every output is at its safe value
     done                      every output was stopped and closed: end, without doing anything
+
+Several threads write these two; one that arrives after another with a higher number is older, and is passed over.
 
 It answers ``ready`` to the plan, and a dot to each ``acts``. When the run dies, it makes every output safe. While an
 output acts, it must hear of newer data, or that the outputs rest, before the data is older than the limit; else the run
@@ -34,7 +36,8 @@ LISTS = ["/run/stadimeter/safe-outputs.conf", "/etc/stadimeter/safe-outputs.conf
 
 SIGKILL = 9
 
-# A run that was killed is gone by then, and has let go of its ports and pins.
+# The stop is sent at once, and again when the run is gone and has let go of its ports and pins: until then it may
+# finish a call to a driver. A process that is killed on a busy computer may need as long as this.
 GONE_WITHIN_S = 1.0
 
 # A look that came this late: this process was stopped too, with the run it may be. Then the run gets as long to speak.
@@ -57,6 +60,7 @@ class RunWatch:
         self._process = os.pidfd_open(pid)
         self._is_gone = os.getppid() != pid
         self._limit_s = 0.0
+        self._newest = 0.0
         self._due_s: float | None = None
         self._lines: list[str] = []
         self._rest = b""
@@ -75,10 +79,7 @@ class RunWatch:
                 if time.monotonic() - now_s - (left_s or 0.0) <= LATE_S:
                     return self._kill()
                 self._due_s = time.monotonic() + LATE_S
-        if self.is_done:
-            return ""
-        self._wait_until_gone()
-        while self._hear() and not self.is_done:  # its last words, which may be that it is done
+        while not self.is_done and self._hear():  # its last words, which may be that it is done
             pass
         return "" if self.is_done else "the program has ended without stopping its outputs"
 
@@ -87,11 +88,11 @@ class RunWatch:
         import _signal  # type: ignore[import-not-found] # noqa: PLC0415
 
         _signal.pidfd_send_signal(self._process, SIGKILL)
-        self._wait_until_gone()
         return f"the program hung with an output acting on data older than {self._limit_s:g} s, and was killed"
 
-    def _wait_until_gone(self) -> None:
-        select.select([self._process], [], [], GONE_WITHIN_S)
+    def waits_until_gone(self, within_s: float) -> bool:
+        """Return whether the run is gone, or is within so long."""
+        return bool(select.select([self._process], [], [], within_s)[0])
 
     def _hear(self) -> bool:
         """Take in what the run says; return whether it may say more."""
@@ -103,12 +104,8 @@ class RunWatch:
 
     def _take(self, line: str) -> None:
         word, _, rest = line.partition(" ")
-        if word == "acts":
-            sent_s, age_s = map(float, rest.split())
-            self._due_s = sent_s - age_s + self._limit_s
-            self._answer(b".")
-        elif word == "rests":
-            self._due_s = None
+        if word in {"acts", "rests"}:
+            self._take_report(*map(float, rest.split()))
         elif word == "limit":
             is_first, self._limit_s = not self._limit_s, float(rest)
             if is_first:
@@ -118,6 +115,14 @@ class RunWatch:
             self.is_done = True
         else:
             self._lines.append(line)
+
+    def _take_report(self, number: float, sent_s: float | None = None, age_s: float = 0.0) -> None:
+        """Take in at what time which data moved the outputs; without them, that all are at their safe value."""
+        if sent_s is not None:
+            self._answer(b".")
+        if number > self._newest:
+            self._newest = number
+            self._due_s = None if sent_s is None else sent_s - age_s + self._limit_s
 
     def _answer(self, words: bytes) -> None:
         try:
@@ -131,11 +136,13 @@ def hold(pid: int) -> None:
     watch = RunWatch(pid)
     why = watch.run()
     if why:
-        complaints = [*watch.plan.complaints, *make_safe(watch.plan)]
-        _say(
-            "watchdog",
-            [f"{why}: its outputs {'were made safe' if not complaints else 'are NOT all safe'}", *complaints],
-        )
+        is_gone = watch.waits_until_gone(0.0)
+        complaints = make_safe(watch.plan)
+        if not is_gone:
+            watch.waits_until_gone(GONE_WITHIN_S)
+            complaints = make_safe(watch.plan)
+        wrong = [*watch.plan.complaints, *complaints]
+        _say("watchdog", [f"{why}: its outputs {'were made safe' if not wrong else 'are NOT all safe'}", *wrong])
 
 
 def safe_outputs(arguments: list[str]) -> None:
