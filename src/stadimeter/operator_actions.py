@@ -6,6 +6,7 @@ command line with their help, and the actions of buttons. What an action does to
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 from typing import Literal, Self
 
@@ -275,3 +276,10 @@ class OperatorAction(StrEnum):
         "",
         True,
     )
+
+
+# A switch, such as Home Assistant's, sends both of its states to one topic, as `value`: true is the first action.
+SWITCHES: Mapping[str, tuple[OperatorAction, OperatorAction]] = {
+    "in-service": (OperatorAction.PUT_BACK, OperatorAction.TAKE_OUT),
+    "observed": (OperatorAction.OBSERVE, OperatorAction.ACT),
+}

@@ -1,5 +1,7 @@
 """What people ask of a running loop: answered between two cycles, and by what was decided then."""
 
+from types import SimpleNamespace
+
 import pytest
 from msgspec.structs import replace
 
@@ -91,6 +93,24 @@ class Desk:
 @pytest.fixture
 def desk():
     return Desk()
+
+
+def test_who_may_not_let_outputs_act_may_quiet_a_rule_that_drives_one_and_order_what_only_sends(desk):
+    desk.reloader.running = SimpleNamespace(plan=PLAN)
+
+    def told(line):
+        desk.waiting.append(Asked(parse_request(line.encode()), desk.answers.append, may_let_act=False))
+        desk.cycle(0.6)
+        return desk.reply().error
+
+    assert told('{"op": "shelve", "args": {"rule": "near"}}') == ""
+    refusal = 'unshelve could let an output act, by near: over MQTT that needs commands = "all" in [messenger]'
+    assert told('{"op": "unshelve", "args": {"rule": "near"}}') == refusal
+    assert told('{"op": "unshelve"}') == refusal
+    assert "near" in told('{"op": "set-threshold", "args": {"rule": "near", "value": "100 m"}}')
+    assert told('{"op": "set-threshold", "args": {"rule": "nearer", "value": "50 cm"}}') == ""
+    assert "there is no alarm 'nobody'" in told('{"op": "unshelve", "args": {"rule": "nobody"}}')
+    assert told('{"op": "stop-outputs"}') == ""
 
 
 def test_an_alarm_is_acknowledged_and_reset_and_each_time_the_answer_says_so(desk):

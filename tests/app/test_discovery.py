@@ -17,7 +17,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import ALARM_EVENTS, Decision, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.home_assistant import DiscoveryPlace
-from stadimeter.core.plan import Plan
+from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.messaging.mqtt import MqttOptions
@@ -96,6 +96,15 @@ def test_nothing_is_offered_that_the_run_would_not_take(tmp_path):
     some = payload(tmp_path, orders=frozenset({"request/acknowledge"}))["components"]
     assert [key for key, each in some.items() if each["platform"] == "button"] == ["acknowledge_near"]
     assert "snapshot" not in some
+
+
+def test_of_a_rule_that_drives_an_output_only_what_quiets_it_is_offered_unless_outputs_may_be_let_act():
+    condition = DistanceCondition(below_m=1.0)
+    near = AlarmRule(name="near", target="a", output="motor", condition=condition, ack="required", latch=True)
+    plan = Plan(targets=("a",), rules=(near,), outputs=(LevelOutput(name="motor"),))
+    retained = {f"rule/near/{what}" for what in ("state", "availability", "settings")}
+    components = announcement(plan, PLACE, retained, ORDERS - {"request/release-outputs"}).components
+    assert {key for key in components if key.endswith("_near")} == {"rule_near", "acknowledge_near", "shelve_near"}
 
 
 def test_orders_are_json_for_the_actions_that_operators_have(message):

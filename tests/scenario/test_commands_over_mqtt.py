@@ -142,8 +142,11 @@ def test_by_default_nothing_that_lets_outputs_act_is_done_and_a_stop_is(start: S
     for action in ("release-outputs", "arm", "record", "reload", "snapshot"):
         assert f"'{action}' is not allowed over MQTT: it needs commands = \"all\"" in asker.ask(action)
     eventually(lambda: run.level() == 0)
+    for action in ("reset", "unshelve", "put-back", "act", "withdraw-threshold", "set-threshold", "in-service"):
+        more = {"in-service": {"value": True}, "set-threshold": {"value": "100 m"}}.get(action, {})
+        assert "could let an output act, by near" in asker.ask(action, rule="near", **more)
     assert [action for action, _, _ in run.given()] == ["stop-outputs"]
-    assert run.commands["refused"] == {"not_allowed": 5}
+    assert run.commands["refused"] == {"not_allowed": 5, "by_the_run": 7}
 
 
 @pytest.mark.long

@@ -35,10 +35,11 @@ from stadimeter.core.home_assistant import (
     Topic,
     UpdateEntity,
 )
+from stadimeter.core.permission import could_let_act
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, gate_of
 from stadimeter.core.track import TrackStatus
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import SWITCHES, OperatorAction
 
 SUPPORT_URL = "https://github.com/stadimeter/stadimeter"
 
@@ -59,6 +60,9 @@ _DEVICE_CLASSES = {Severity.SAFETY: "safety", Severity.ALARM: "problem", Severit
 _LATEST_VERSION = "latest_version"
 
 _SNAPSHOT, _TAKE_SNAPSHOT = "snapshot", "request/snapshot"
+
+# Offered where other programs may let outputs act.
+_LETS_ACT = f"request/{OperatorAction.RELEASE_OUTPUTS}"
 
 
 def announcement(
@@ -87,7 +91,9 @@ def announcement(
         published.add(_SNAPSHOT)
     entities = _Entities(place)
     found = [each for name in plan.targets for each in entities.of_target(name)]
-    found += [each for rule in plan.rules for each in entities.of_rule(rule)]
+    for rule in plan.rules:
+        refused = _refused_orders(plan, rule.name) if _LETS_ACT not in orders else frozenset()
+        found += [each for each in entities.of_rule(rule) if each.order.rpartition("/")[2] not in refused]
     found += entities.of_run()
     known = {f"{place.base}/{topic}" for topic in (*published, *orders)}
     return Announcement(
@@ -106,6 +112,12 @@ def announcement(
             if known.issuperset(filter(None, (*each.states, each.order)))
         },
     )
+
+
+def _refused_orders(plan: Plan, rule: str) -> frozenset[str]:
+    """Return the orders that are refused for a rule, since they could let an output act; also those of switches."""
+    actions = frozenset(each for each in OperatorAction if could_let_act(plan, each, rule))
+    return actions.union(name for name, both in SWITCHES.items() if actions.intersection(both))
 
 
 class _Entities:

@@ -21,7 +21,7 @@ from stadimeter.app.control.messages import FrameArgs, Reply, Request, Transacti
 from stadimeter.app.control.socket_server import Asked, make_reply
 from stadimeter.errors import ControlError
 from stadimeter.messaging.protocol import RequestMessage, TakesRequests
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import SWITCHES, OperatorAction
 
 # This many requests of a topic may be under way.
 WAITING_MAX = 16
@@ -43,18 +43,13 @@ class _Offer(Struct, frozen=True):
 
     Attributes:
         op: The operation of the control socket that it is.
-        needs_all: Whether the configuration must say so: it lets outputs act, takes a picture or writes a file.
+        needs_all: Whether the configuration must say so, whatever its rules are: it lets all outputs act, takes a
+            picture or writes a file. What an order to a rule could do is judged by the loop, which knows the rules.
     """
 
     op: str
     needs_all: bool = False
 
-
-# A switch, such as Home Assistant's, sends both of its states to one topic, as `value`: true is the first action.
-SWITCHES: Mapping[str, tuple[OperatorAction, OperatorAction]] = {
-    "in-service": (OperatorAction.PUT_BACK, OperatorAction.TAKE_OUT),
-    "observed": (OperatorAction.OBSERVE, OperatorAction.ACT),
-}
 
 # What is not here cannot be asked for: to hold an output or change a simulated world moves something, and a restart
 # ends the connection that the answer would need.
@@ -198,7 +193,8 @@ class MqttRequests:
             self._answer(message, transaction, partial(self._show_picture, request))
         else:
             answer = partial(self._hand_back, message, transaction)
-            self._asked.append((message.at_s, Asked(request, answer)))
+            may_let_act = self._messenger.commands == "all"
+            self._asked.append((message.at_s, Asked(request, answer, may_let_act)))
 
     def _hand_back(self, message: RequestMessage, transaction: Transaction, reply: Reply | Callable[[], Reply]) -> None:
         """Take an answer, in any thread, and let ours put it into words."""

@@ -17,7 +17,8 @@ from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.core.alarms.settings import show_thresholds
 from stadimeter.core.decision import Decision, SafetyMode
 from stadimeter.core.message import NEWS_S
-from stadimeter.core.operator import AnyCommand
+from stadimeter.core.operator import AnyCommand, OperatorCommand
+from stadimeter.core.permission import could_let_act
 from stadimeter.core.reload import ReloadedState
 from stadimeter.core.rules.explaining import Reasons, explain
 from stadimeter.operator_actions import OperatorAction
@@ -137,10 +138,13 @@ class Control:
         elif request.op == OperatorAction.CLIP.command:
             asked.answer(Reply(error=NO_BLACK_BOX))
         elif request.is_command:
+            command = operator_command(request, f"asked-{self._commands + 1}")
+            if refusal := self._refusal(asked, command):
+                asked.answer(Reply(error=refusal))
+                return None
             self._commands += 1
-            number = f"asked-{self._commands}"
-            self._waiting[number] = asked
-            return operator_command(request, number)
+            self._waiting[command.id] = asked
+            return command
         elif request.op == "reload":
             self._reloader.ask(asked.answer)
         elif request.op not in {"explain", "status"}:
@@ -148,6 +152,16 @@ class Control:
         else:
             self._questions.append(asked)
         return None
+
+    def _refusal(self, asked: Asked, command: AnyCommand) -> str:
+        """Return why the sender of a command may not give it; empty if it may."""
+        if asked.may_let_act or not isinstance(command, OperatorCommand):
+            return ""
+        names = could_let_act(self._reloader.running.plan, command.action, command.rule)
+        if not names:
+            return ""
+        words = f"{command.action.value} could let an output act, by {', '.join(names)}"
+        return f'{words}: over MQTT that needs commands = "all" in [messenger]'
 
     def _answer_stops(self) -> None:
         """Answer who stopped or released the outputs, once it is in the file: a run that is killed then has kept it."""

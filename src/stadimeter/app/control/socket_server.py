@@ -78,10 +78,15 @@ class Watched(Protocol):
 
 
 class Asked(Struct, frozen=True):
-    """A request, and how to answer it."""
+    """A request, and how to answer it.
+
+    Attributes:
+        may_let_act: Whether its sender may let outputs act.
+    """
 
     request: Request
     answer: Answer
+    may_let_act: bool = True
 
 
 class ControlSocket:
