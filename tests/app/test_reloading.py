@@ -1,6 +1,9 @@
 """A changed configuration is checked first, and taken over whole or not at all."""
 
+from copy import copy
+
 import pytest
+from msgspec.structs import force_setattr, replace
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.control.messages import Reply, parse_request
@@ -9,6 +12,7 @@ from stadimeter.app.control.requests import Control
 from stadimeter.app.control.socket_server import Asked
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.config.loader import load_configuration
+from stadimeter.core.plan import Plan, Safety
 from stadimeter.testing.rig import eventually
 from support.each_case import each_case
 from support.recording_doubles import RecordingMessenger
@@ -156,11 +160,37 @@ def test_what_needs_a_restart_is_named_and_nothing_is_changed(rig):
         ("[targets.ball]", '[messenger]\ndriver = "simulated"\n[targets.ball]', "[messenger]"),
         ("[targets.ball]", '[base]\ndriver = "simulated"\n[targets.ball]', "[base]"),
         ('x = "2 m"', 'x = "1 m"', "[world]"),
+        ("[targets.ball]", "[safety]\nliveness = false\n[targets.ball]", "[safety.liveness]"),
     ],
 )
 def test_each_part_that_needs_a_restart_is_known(rig, old, new, section):
     rig.path.write_text((SIMULATED_BALL + NEAR + TAIL).replace(old, new))
     assert section in needs_restart(rig.loop.parts.configuration, load_configuration(rig.path))
+
+
+def test_what_a_start_builds_parts_of_is_never_reloaded_without_a_word(rig):
+    """Each field of the plan and of safety is either taken over by every part, which its test shows, or refused."""
+    configuration = rig.loop.parts.configuration
+    plan = configuration.plan
+    taken_over = {"rules", "tracking", "safety", "viewpoint", "figures", "nearest"}
+    for name in set(Plan.__struct_fields__) - taken_over:
+        changed = replace(configuration, plan=force(plan, name, ("another",)))
+        assert needs_restart(configuration, changed), name
+    for name in set(Safety.__struct_fields__) - {"max_frame_age_s", "good_frames", "arm", "watchdog_s"}:
+        changed = replace(configuration, plan=replace(plan, safety=force(plan.safety, name, "another")))
+        assert needs_restart(configuration, changed) == (f"[safety.{name}]",)
+
+
+def force(struct, name, value):
+    changed = copy(struct)
+    force_setattr(changed, name, value)
+    return changed
+
+
+def test_a_reload_that_switches_liveness_on_says_that_it_needs_a_restart_and_changes_nothing(rig):
+    rig.change = lambda: rig.write(NEAR, FAR, tail=TAIL + "[safety]\nliveness = false\n")
+    assert rig.run().error == "nothing was changed: restart to change [safety.liveness]"
+    assert rig.events("far") == []
 
 
 def test_safety_and_tracking_are_taken_over_too(rig):

@@ -29,29 +29,35 @@ def could_let_act(plan: Plan, action: OperatorAction, rule: str = "") -> tuple[s
     return tuple(each.name for each in chosen if _could_let_act(plan, action, each))
 
 
-def _could_let_act(plan: Plan, action: OperatorAction, rule: AnyRule) -> bool:
-    reached = _dependents(plan, rule)
-    if not any(map(_outputs, reached)):
-        return False
-    others = (each for each in plan.rules if each.name != rule.name)
-    moves = {each.name for each in plan.outputs if isinstance(each, BaseOutput)}.union(*map(_outputs, others))
-    is_alone = len(reached) == 1 and not moves.intersection(_outputs(rule))
-    return not (action in _QUIETING and is_alone and _is_steady(rule))
-
-
-def _dependents(plan: Plan, rule: AnyRule) -> list[AnyRule]:
-    """Return a rule, and all whose conditions ask for it, or for one of those that do."""
-    found, names = [rule], {rule.name}
-    for known in found:
-        for each in plan.rules:
-            if each.name not in names and any(known.name in depends_on(condition) for condition in conditions_of(each)):
-                names.add(each.name)
-                found.append(each)
+def moving_rules(plan: Plan, outputs: set[str]) -> dict[str, AnyRule]:
+    """Return the rules that move one of these outputs, and those that they depend on, by name."""
+    by_name = {rule.name: rule for rule in plan.rules}
+    waiting = [rule for rule in plan.rules if not outputs.isdisjoint(_outputs(rule))]
+    found: dict[str, AnyRule] = {}
+    while waiting:
+        rule = waiting.pop()
+        if rule.name not in found:
+            found[rule.name] = rule
+            waiting += [by_name[name] for name in _asked_for(rule) if name in by_name]
     return found
+
+
+def _could_let_act(plan: Plan, action: OperatorAction, rule: AnyRule) -> bool:
+    moving = moving_rules(plan, {each.name for each in plan.outputs})
+    if rule.name not in moving:
+        return False
+    others = [each for each in moving.values() if each.name != rule.name]
+    moved = {each.name for each in plan.outputs if isinstance(each, BaseOutput)}.union(*map(_outputs, others))
+    is_alone = moved.isdisjoint(_outputs(rule)) and not any(rule.name in _asked_for(each) for each in others)
+    return not (action in _QUIETING and is_alone and _is_steady(rule))
 
 
 def _outputs(rule: AnyRule) -> set[str]:
     return {name for name in (rule.output, *(step.output for step in gate_of(rule).escalation)) if name is not None}
+
+
+def _asked_for(rule: AnyRule) -> frozenset[str]:
+    return frozenset().union(*map(depends_on, conditions_of(rule)))
 
 
 def _is_steady(rule: AnyRule) -> bool:

@@ -25,8 +25,11 @@ from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.rules.scheduler import new_rules
 from stadimeter.errors import StadimeterError
 
-# What a reload can change or is compared by its parts (plan, drivers), and the page's table. All else needs a restart.
+# What a reload can change or is compared by its parts (plan, drivers), and the page's table. All else needs a restart:
+# only a start builds the parts of a run of it.
 _LIVE = frozenset({"path", "text", "plan", "rules", "spans", "tests", "drivers", "find_warnings", "web"})
+_LIVE_OF_PLAN = frozenset({"rules", "tracking", "safety", "viewpoint", "figures", "nearest"})
+_LIVE_OF_SAFETY = frozenset({"max_frame_age_s", "good_frames", "arm", "watchdog_s"})
 
 ResultT = TypeVar("ResultT")
 
@@ -38,6 +41,10 @@ _SECTIONS = {
     "button_tables": "buttons",
     "sensor_tables": "sensors",
     "tilt_sigma_rad": "camera.tilt",
+    "outputs": "actuators or base",
+    "sensor_pairs": "sensors",
+    "liveness": "safety.liveness",
+    "viewpoint": "camera",
 }
 
 
@@ -171,10 +178,14 @@ def needs_restart(running: Configuration, new: Configuration) -> tuple[str, ...]
     """Return the sections, such as ``[camera]``, in which a change cannot be applied by a reload; empty if all can."""
     paths = {**running.drivers, **new.drivers}
     found = [str(at[0]) for at in paths if running.drivers.get(at) != new.drivers.get(at)]
-    names = [name for name in Configuration.__struct_fields__ if name not in _LIVE]
-    found += [name for name in names if not getattr(running, name) == getattr(new, name)]  # noqa: SIM201 - of structs
-    if running.plan.targets != new.plan.targets:
-        found.append("targets")
-    if running.plan.outputs != new.plan.outputs:
-        found.append("actuators or base")
+    found += _changed(running, new, _LIVE)
+    # Tags of known places are looked for from the viewpoint that the start knew.
+    found += _changed(running.plan, new.plan, _LIVE_OF_PLAN - ({"viewpoint"} if new.landmarks else set()))
+    found += _changed(running.plan.safety, new.plan.safety, _LIVE_OF_SAFETY)
     return tuple(dict.fromkeys(f"[{_SECTIONS.get(name, name)}]" for name in found))
+
+
+def _changed(running: Struct, new: Struct, live: frozenset[str]) -> list[str]:
+    """Return the names of the fields in which two differ, without those that a reload can change."""
+    names = [name for name in running.__struct_fields__ if name not in live]
+    return [name for name in names if not getattr(running, name) == getattr(new, name)]  # noqa: SIM201 - of structs
