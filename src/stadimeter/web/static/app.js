@@ -6,6 +6,7 @@ import { h, icon, inCode, keyed, replace, write } from "./dom.js";
 import { old, span, UNITS } from "./format.js";
 import { Live } from "./live_stream.js";
 import { drawOthers, Others, stands } from "./others.js";
+import { stopButton } from "./stop.js";
 
 const VIEWS = {
   live: { name: "Live", isOfRun: true, load: () => import("./views/live/index.js") },
@@ -221,26 +222,6 @@ function banner({ offersStart, offersSetUp, offersRelease, offersArm, offersConf
   return element;
 }
 
-/** Stop everything, without a question. It never becomes the button that releases: two presses are one stop. */
-function drawStop() {
-  const stop = h(
-    "button",
-    { type: "button", class: "button danger", "aria-label": "Stop every output", onclick: stopOutputs },
-    icon("stop"),
-    "Stop",
-  );
-  replace(part("stop"), session.right === "operate" && stop);
-}
-
-async function stopOutputs() {
-  try {
-    const { words, unconfirmed } = await api.post("outputs/stop", { by: localStorage.getItem("name") || undefined });
-    say(words, unconfirmed.length ? "error" : "good");
-  } catch (error) {
-    say(`It is not known whether the outputs are stopped: cut their supply. ${error.message}`, "error");
-  }
-}
-
 const RELEASE = { path: "outputs/release", title: "Release the outputs", action: "Release" };
 const ARM = { path: "outputs/arm", title: "Arm the run", action: "Arm" };
 const MOVES = "Outputs act at once, as the rules want them to: what moves may move off.";
@@ -291,7 +272,7 @@ async function begin() {
   }
   drawTabs();
   drawMenu();
-  drawStop();
+  replace(part("stop"), session.right === "operate" && stopButton(api));
   others = new Others(api, session);
   others.watch((list) => drawOthers(part("others"), list));
   window.addEventListener("hashchange", open);

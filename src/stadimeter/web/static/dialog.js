@@ -6,7 +6,6 @@ import { h } from "./dom.js";
  *  A field is `{name, label, value, type, placeholder}`, or has `options: [[value, label], …]`. */
 export function ask({ title, words = "", fields = [], action, isDangerous = false }) {
   return new Promise((resolve) => {
-    const asked = document.activeElement;
     const form = h(
       "form",
       { method: "dialog", class: "stack" },
@@ -23,12 +22,23 @@ export function ask({ title, words = "", fields = [], action, isDangerous = fals
     const dialog = h("dialog", { "aria-label": title }, form);
     dialog.addEventListener("close", () => {
       resolve(dialog.returnValue === "yes" ? Object.fromEntries(new FormData(form)) : null);
-      dialog.remove();
-      asked?.focus?.();
     });
-    document.body.append(dialog);
-    dialog.showModal();
+    showModal(dialog);
   });
+}
+
+/** Show a dialog over the page, until it is closed. Stop goes into it: outside of a modal dialog nothing takes a click. */
+export function showModal(dialog) {
+  const asked = document.activeElement;
+  const stop = document.getElementById("stop");
+  dialog.addEventListener("close", () => {
+    dialog.remove();
+    ([...document.querySelectorAll("dialog:modal")].at(-1) ?? document.querySelector("header")).append(stop);
+    asked?.focus?.();
+  });
+  document.body.append(dialog);
+  dialog.append(stop);
+  dialog.showModal();
 }
 
 function field({ name, label, options, ...props }) {

@@ -1,6 +1,7 @@
 // The colour of a ball of the run, by sliders beside what has that colour in the run's picture now.
 
 import { colourSliders } from "../../colour_sliders.js";
+import { showModal } from "../../dialog.js";
 import { button, h, write } from "../../dom.js";
 import { distance } from "../../format.js";
 import { Saving } from "../edit/saving.js";
@@ -13,7 +14,6 @@ const WIDTH_PX = 640;
 export function openColour(target, { api, say, unit }) {
   const path = `targets/${encodeURIComponent(target)}/colour`;
   const stop = new AbortController();
-  const asked = document.activeElement;
   const saving = new Saving({ api, say });
   const sliders = colourSliders(() => (save.disabled = false));
   const image = h("img", { alt: "What has this colour" });
@@ -36,11 +36,8 @@ export function openColour(target, { api, say, unit }) {
   dialog.addEventListener("close", () => {
     stop.abort();
     URL.revokeObjectURL(image.src);
-    dialog.remove();
-    asked?.focus?.();
   });
-  document.body.append(dialog);
-  dialog.showModal();
+  showModal(dialog);
   next();
 
   async function next() {
