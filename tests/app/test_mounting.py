@@ -7,7 +7,6 @@ from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
 
-import cv2
 import msgspec
 import numpy as np
 import pytest
@@ -25,7 +24,6 @@ from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import Plan
 from stadimeter.errors import CalibrationError, StateError
 from stadimeter.operator_actions import OperatorAction
-from stadimeter.perception.lens_dirt import CHECKS, HALF_HOURS, look_at_parts
 from support.watched_room import FOCAL_PX, LENS, Pose, WatchedRoom
 
 NOON = 720
@@ -194,27 +192,6 @@ def test_outputs_stand_only_where_the_configuration_says_so(tmp_path, pictures, 
         rig.check(pictures["turned"])
         rig.check(pictures["turned"])
         assert bool(rig.watch.why_not_for_motion()) is stops
-
-
-@pytest.mark.long
-def test_dirt_is_a_fault_of_the_lens_and_a_trouble_and_marks_no_distance(tmp_path, pictures, reference):
-    rig = Rig(tmp_path, reference, when_moved="stop")
-    clean = pictures["saved"][:PICTURES]
-    for _ in range(HALF_HOURS):
-        rig.watch._dirt._least.append(look_at_parts(clean, LENS))
-    inside = cv2.circle(np.zeros(clean[0].shape, np.uint8), (100, 80), 32, (1, 1, 1), -1)
-    dirty = [np.where(inside, image // 4, image) for image in clean]
-    for _ in range(CHECKS - 1):
-        assert not rig.check(dirty).observation.faults
-    record = rig.check(dirty)
-    (event,) = record.decision.events
-    assert (event.source, event.kind.value, event.severity.value) == ("camera lens", "fault", "warning")
-    assert "at the upper left of the picture" in event.reason
-    assert "at the upper left of the picture" in rig.watch.trouble()
-    assert record.mark == rig.watch.why_not_for_motion() == ""
-    cleared = [rig.check(clean).decision.events for _ in range(CHECKS)][-1]
-    assert [each.kind.value for each in cleared] == ["fault_cleared"]
-    assert rig.watch.trouble() == ""
 
 
 def test_pictures_of_another_size_are_not_judged_and_the_reason_names_both(tmp_path, pictures, reference):

@@ -35,7 +35,6 @@ from stadimeter.core.frame import Frame
 from stadimeter.core.mounting import MOUNTING, Mounting, MountingStatus
 from stadimeter.errors import StadimeterError, StateError
 from stadimeter.perception.background import look_at
-from stadimeter.perception.lens_dirt import DirtJudge, look_at_parts
 
 EVERY_S = 60.0
 
@@ -60,8 +59,7 @@ class MountingWatch:
         self.mounting = Mounting(status=MountingStatus.NOT_JUDGED, reason="not looked at yet")
         self._configuration, self._lens = configuration, lens
         self._reference, self._judge = reference, judge_by(reference, configuration, lens)
-        self._dirt = DirtJudge()
-        self._last_s = self._dirt_s = self._due_s = -math.inf
+        self._last_s = self._due_s = -math.inf
         self._is_confirmed = False
         self._frames: list[Frame] = []
         self._hidden: list[NDArray[np.float64]] = []
@@ -78,12 +76,12 @@ class MountingWatch:
         return f"the mounting is unconfirmed: {self.mounting.reason}" if is_stopped else ""
 
     def trouble(self) -> str:
-        """Return that distances are unconfirmed, or that the lens is dirty, in words; empty for neither."""
-        if not self.mounting.is_unconfirmed:
-            return self.mounting.dirt
+        """Return that distances are unconfirmed, in words; empty if they are not."""
         return (
             f"distances are unconfirmed, the camera is not mounted as it was saved: {self.mounting.reason}; "
             "put it right, or `stadimeter mounting confirm`"
+            if self.mounting.is_unconfirmed
+            else ""
         )
 
     def __call__(self, record: CycleRecord, frame: Frame | None) -> None:
@@ -119,7 +117,7 @@ class MountingWatch:
         except Exception as error:  # noqa: BLE001 - a defect there must not end the run, nor stay unsaid
             found = Mounting(status=MountingStatus.NOT_JUDGED, reason=f"the check failed: {error}")
         if found.is_unconfirmed or not self.mounting.is_unconfirmed:
-            self.mounting = found if found.is_unconfirmed else replace(found, dirt=self._dirt.words)
+            self.mounting = found
 
     def _look(self, frames: list[Frame], hidden: list[NDArray[np.float64]]) -> Mounting:
         """Return what some pictures say. Runs in the thread."""
@@ -130,13 +128,7 @@ class MountingWatch:
         lens = self._lens.for_frame(frames[0])
         if why := self._reference.why_not_for(frames[0], lens):
             return Mounting(status=MountingStatus.NOT_JUDGED, reason=why)
-        images = [each.image for each in frames]
-        judgement = self._judge.judge(look_at(images, lens, hidden))
-        is_due = frames[0].captured_at_s - self._dirt_s >= EVERY_S / 2  # not once more after a gap of the camera
-        if is_due and not judgement.found and self._configuration.base is None:
-            self._dirt_s = frames[0].captured_at_s
-            parts = look_at_parts(images, lens, hidden)
-            self._dirt.judge(np.full_like(parts, np.inf) if judgement.not_judged else parts)
+        judgement = self._judge.judge(look_at([each.image for each in frames], lens, hidden))
         if judgement.has_learnt:
             self._reference = replace(self._reference, views=list(self._judge.views))
             with suppress(StadimeterError):  # it is learnt again after a restart
@@ -158,7 +150,6 @@ class MountingWatch:
 
     def _use(self, reference: MountingReference) -> None:
         self._reference, self._judge = reference, judge_by(reference, self._configuration, self._lens)
-        self._dirt = DirtJudge()
 
 
 def _lower_priority() -> None:

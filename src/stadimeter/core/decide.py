@@ -20,7 +20,7 @@ from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Sev
 from stadimeter.core.holding import Hold, step_holds, with_holds
 from stadimeter.core.liveness import LivenessState, step_liveness, tell_plain_room
 from stadimeter.core.measurement import Measurement
-from stadimeter.core.mounting import CAMERA_LENS, step_mounting
+from stadimeter.core.mounting import step_mounting
 from stadimeter.core.observation import SECOND_CAMERA, Observation, OutputFault
 from stadimeter.core.operator import HoldCommand, OperatorAnswer, OperatorCommand
 from stadimeter.core.outputs import OutputStep, command_all, forbidden_outputs, new_output
@@ -363,7 +363,7 @@ def _fault_events(before: tuple[OutputFault, ...], observation: Observation) -> 
 
 
 def _fault_event(kind: EventKind, source: str, at_s: float, reason: str) -> Event:
-    graver = Severity.WARNING if source in (SECOND_CAMERA, CAMERA_LENS) else Severity.SAFETY
+    graver = Severity.WARNING if source == SECOND_CAMERA else Severity.SAFETY
     severity = graver if kind is EventKind.FAULT else Severity.INFO
     return Event(kind=kind, source=source, at_s=at_s, severity=severity, reason=reason)
 

@@ -18,9 +18,6 @@ from stadimeter.operator_actions import OperatorAction
 
 MOUNTING = "mounting"
 
-# The source of the events of dirt.
-CAMERA_LENS = "camera lens"
-
 
 class MountingStatus(StrEnum):
     """What is known of the mounting."""
@@ -37,12 +34,10 @@ class Mounting(Struct, frozen=True, kw_only=True):
 
     Attributes:
         reason: Why it is unconfirmed or not judged, in words; empty if it is as saved.
-        dirt: What is on a part of the lens, in words; empty for nothing. It makes no distance unconfirmed.
     """
 
     status: MountingStatus = MountingStatus.AS_SAVED
     reason: str = ""
-    dirt: str = ""
 
     @property
     def is_unconfirmed(self) -> bool:

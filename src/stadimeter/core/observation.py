@@ -7,7 +7,7 @@ from msgspec import Struct
 from stadimeter.core.base_report import BaseReport
 from stadimeter.core.camera_pose import CameraPose
 from stadimeter.core.measurement import Measurement
-from stadimeter.core.mounting import CAMERA_LENS, Mounting
+from stadimeter.core.mounting import Mounting
 from stadimeter.core.operator import AnyCommand
 from stadimeter.core.picture_flow import PictureFlow
 
@@ -104,7 +104,7 @@ class Observation(Struct, frozen=True, kw_only=True):
 
     @property
     def faults(self) -> tuple[OutputFault, ...]:
-        """What is out of order: the outputs, the second camera, and the lens."""
-        others = {SECOND_CAMERA: self.second_camera_fault, CAMERA_LENS: self.mounting.dirt if self.mounting else ""}
-        found = [OutputFault(output=name, reason=reason) for name, reason in others.items() if reason]
-        return (*self.output_faults, *found)
+        """What is out of order: the outputs, and the second camera."""
+        if not self.second_camera_fault:
+            return self.output_faults
+        return (*self.output_faults, OutputFault(output=SECOND_CAMERA, reason=self.second_camera_fault))
