@@ -103,7 +103,7 @@ def test_every_key_of_an_alarm_reaches_the_core() -> None:
     ("written", "expected"),
     [
         ("", core.DelayTolerance(samples=1, for_s=0.15)),
-        ('delay_tolerance = "0.5 s"', core.DelayTolerance(samples=0, for_s=0.5)),
+        ('delay_tolerance = "0.5 s"', core.DelayTolerance(samples=1, for_s=0.5)),
         ('delay_tolerance = "0 s"', core.DelayTolerance(samples=0, for_s=0.0)),
         ("delay_tolerance = { frames = 3 }", core.DelayTolerance(samples=3, for_s=0.0)),
     ],

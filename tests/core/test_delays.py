@@ -184,6 +184,20 @@ def test_time_out_of_sight_between_two_samples_to_the_contrary_belongs_to_them()
     assert judged_alone(strict, [True] * 11 + [None] * 5 + [False, True]).timers.held_s == 0.0
 
 
+def test_frames_that_were_refused_as_outliers_count_neither_way_for_both_delays():
+    rule = replace(NEAR, on_delay=OnDelay(hold_s=1.0), off_delay_s=1.0)
+    delays_s = []
+    for refused in ([], [8.0]):
+        run = rehearse(rule, tracking=replace(TRACKING, outliers_max=3))
+        run.see(*[2.0] * 5, *[0.5] * 8, *refused, *[0.5] * 16)
+        gone_s = run.decisions[-1][0]
+        run.see(*[2.0] * 8, *refused, *[2.0] * 16)
+        happened = seen(run)
+        delays_s.append((happened["raised"], happened["cleared"] - gone_s))
+    (on_s, off_s), (on_refused_s, off_refused_s) = delays_s
+    assert (on_refused_s - on_s, off_refused_s - off_s) == pytest.approx((0.1, 0.1), abs=0.01)
+
+
 def test_an_off_delay_that_the_policy_counted_goes_on_when_the_target_is_seen_away():
     rule = replace(WAITS, on_delay=OnDelay(), off_delay_s=3.0, lost=Lost(grace_s=0.5, policy=LostPolicy.CLEAR))
     state = judged_alone(rule, [True] * 5 + [None] * 20 + [False] * 5)

@@ -264,11 +264,11 @@ class RuleTable(Section):
 
     @property
     def tolerance(self) -> rule.DelayTolerance:
-        """What does not start the delays over; without a word about it the default of the core."""
+        """What does not start the delays over: of any duration a single frame; without a word the default of the core."""
         if isinstance(self.delay_tolerance, ToleratedFramesTable):
             return rule.DelayTolerance(samples=self.delay_tolerance.frames, for_s=0.0)
         if self.delay_tolerance is not None:
-            return rule.DelayTolerance(samples=0, for_s=self.delay_tolerance)
+            return rule.DelayTolerance(samples=int(self.delay_tolerance > 0), for_s=self.delay_tolerance)
         return _ALARM.delay_tolerance
 
     @property

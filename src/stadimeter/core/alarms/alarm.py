@@ -140,8 +140,8 @@ def _with_verdict(evaluation: Evaluation, holds: bool, held: tuple[bool, ...], s
     if sample is None or machine.is_settled(record, holds, held):
         return
     # A frame whose measurement was refused as an outlier contradicts the track that the condition is judged by: it
-    # counts neither for an alarm that is not raised nor against it.
-    if not record.is_active and inputs.tracks[rule.target].rejected > 0:
+    # counts neither way, for both delays.
+    if inputs.tracks[rule.target].rejected > 0:
         machine.pass_over(record, sample.since_s)
     else:
         machine.take_sample(rule, record, sample, holds, held, now_s=inputs.now_s)
