@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import stat
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from typer.testing import CliRunner
@@ -63,13 +64,13 @@ def in_child(act: Callable[[], str]) -> str:
 
 
 @pytest.fixture
-def readable(tmp_path: Path) -> Path:
-    """Return a folder that every user may look into."""
+def readable() -> Iterator[Path]:
+    """Yield a folder that every user may look into; pytest's own are for one user."""
     if os.geteuid() != 0:
         pytest.skip("only root becomes another user")
-    for folder in (tmp_path, *tmp_path.parents[:2]):
-        folder.chmod(0o755)
-    return tmp_path
+    with TemporaryDirectory(prefix="stadimeter-") as folder:
+        Path(folder).chmod(0o755)
+        yield Path(folder)
 
 
 def test_whoever_root_becomes_may_no_longer_read_what_is_roots(readable):

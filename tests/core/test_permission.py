@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import random
+
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from core.test_random_rules import OUTPUTS, fast, observations, plans, scenes
 from stadimeter.core.conditions.discrete import RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decide import decide, initial_state
@@ -17,6 +16,7 @@ from stadimeter.core.permission import could_let_act
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule, Pattern, RampRule, Send, Template
 from stadimeter.operator_actions import OperatorAction
+from support.random_runs import OUTPUTS, random_run
 
 NEAR = DistanceCondition(below_m=1.0)
 TELLS = AlarmRule(name="tells", target="ball", condition=NEAR, ack="required", latch=True)
@@ -45,6 +45,7 @@ def permitted(plan, rule):
         ("sends only", plan_of(TELLS, BUZZES, FOLLOWS), set(ON_RULES)),
         ("sends only, in steps", plan_of(replace(TELLS, escalation=(EscalationStep(send=SEND),))), set(ON_RULES)),
         ("alone on an actuator", plan_of(replace(BUZZES, name="tells"), STOPS), QUIETING),
+        ("a ramp with a dead zone", plan_of(replace(SHAKES, name="tells", dead_zone=0.2)), set()),
         ("a ramp alone on an actuator", plan_of(replace(SHAKES, name="tells")), QUIETING),
         ("one of two on an actuator", plan_of(replace(BUZZES, name="tells"), replace(BUZZES, name="other")), set()),
         ("a pattern", plan_of(replace(BUZZES, name="tells", pattern=Pattern(steps=((1.0, 0.1),), times=2))), set()),
@@ -93,16 +94,21 @@ ORDERS = [
 INHIBITING = [OperatorAction.SHELVE, OperatorAction.TAKE_OUT, OperatorAction.OBSERVE, OperatorAction.SET_THRESHOLD]
 
 
-@fast
-@given(plans, scenes, st.lists(st.sampled_from(INHIBITING), max_size=2), st.data())
-def test_no_permitted_order_of_any_verb_to_any_kind_of_rule_brings_an_output_nearer_to_acting(
-    plan, scenes, earlier, data
-):
-    seen = [replace(each, operator_commands=()) for each in observations(scenes)]
-    rule = data.draw(st.sampled_from(["", *(rule.name for rule in plan.rules)]))
+@pytest.mark.parametrize("seeds", [range(50), pytest.param(range(50, 500), marks=pytest.mark.long)])
+def test_no_permitted_order_of_any_verb_to_any_kind_of_rule_brings_an_output_nearer_to_acting(seeds):
+    for seed in seeds:
+        no_permitted_order_brings_an_output_nearer(seed)
+
+
+def no_permitted_order_brings_an_output_nearer(seed):
+    rng = random.Random(seed)  # noqa: S311 - the same run each time
+    run = random_run(seed)
+    plan, seen = run.plan, [replace(each, operator_commands=()) for each in run.observations[:40]]
+    rule = rng.choice(["", *(rule.name for rule in plan.rules)])
+    earlier = rng.choices(INHIBITING, k=rng.randint(0, 2))
     before = (OperatorCommand(id="before", action=each, rule=rule, value=0.01) for each in earlier)
     seen[0] = replace(seen[0], operator_commands=tuple(before))  # by somebody who may
-    at = data.draw(st.integers(0, len(seen) - 1))
+    at = rng.randrange(len(seen))
     orders = [OperatorCommand(id="order", rule=rule, for_s=0.3, **each) for each in ORDERS]
     orders += [
         OperatorCommand(id="order", action=each) for each in (OperatorAction.STOP_OUTPUTS, OperatorAction.DISARM)

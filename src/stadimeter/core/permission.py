@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from stadimeter.core.conditions.compounds import depends_on
 from stadimeter.core.plan import BaseOutput, Plan
-from stadimeter.core.rule import AlarmRule, AnyRule, ReportRule, conditions_of, gate_of
+from stadimeter.core.rule import AlarmRule, AnyRule, RampRule, ReportRule, conditions_of, gate_of
 from stadimeter.operator_actions import OperatorAction
 
 # They end what a rule does, and begin nothing.
@@ -64,4 +64,6 @@ def _is_steady(rule: AnyRule) -> bool:
     """Return whether what it drives goes by its condition alone, and not by when and how it was raised or cleared."""
     if any(step.output is not None for step in gate_of(rule).escalation):
         return False
+    if isinstance(rule, RampRule):  # a level that is kept within a dead zone may be higher when it begins again
+        return rule.dead_zone == 0.0
     return not isinstance(rule, AlarmRule) or (rule.pattern is None and rule.at_start == "act")

@@ -283,16 +283,17 @@ def _lens(fit: _LensFit, shape: tuple[int, int]) -> CameraModel:
 
 
 def _model(fit: _LensFit, views: Sequence[BoardView], shape: tuple[int, int], date: str) -> CameraModel:
-    lens = _lens(fit, shape)
     covariance = lens_covariance(fit.boards, fit.lens)
+    fx_px, fy_px = map(float, fit.lens[:2])
     # The worse of both axes, as a share. σ, not the reprojection error, is what tells a good calibration: frontal
-    # boards are explained as well by a longer lens further away.
-    share = math.sqrt(max(covariance[0, 0] / lens.fx_px**2, covariance[1, 1] / lens.fy_px**2))
+    # boards are explained as well by a longer lens further away, of which the centre may be anywhere.
+    share = math.sqrt(max(covariance[0, 0] / fx_px**2, covariance[1, 1] / fy_px**2))
     if not (math.isfinite(share) and share < FOCAL_SIGMA_MAX):
         raise CalibrationError(
-            f"the pictures do not tell the focal length: {lens.fx_px:.0f} px ± {share:.0%}; tilt the board by 30 to 45 "
+            f"the pictures do not tell the focal length: {fx_px:.0f} px ± {share:.0%}; tilt the board by 30 to 45 "
             "degrees in several of them, to different sides"
         )
+    lens = _lens(fit, shape)
     notes = (
         f"reprojection error {fit.rms_px:.3f} px over {len(views)} pictures",
         *([f"the board is bent by {fit.bend_m * 1e3:.2f} mm, which was allowed for"] if fit.bend_m else []),
