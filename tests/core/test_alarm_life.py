@@ -189,6 +189,18 @@ def test_a_shelved_alarm_is_quiet_and_speaks_when_the_time_is_over(seconds):
     assert told(run)[2:] == [("unshelved", False), ("realarmed", True)]
 
 
+def test_only_unshelving_ends_a_shelf_sooner():
+    run = rehearse()
+    run.see(*FAR, *CLOSE)
+    assert run.tell("shelve", "near", for_s=600).accepted
+    for shorter in ({"for_s": 30}, {"for_s": 3600, "one_shot": True}):
+        assert run.tell("shelve", "near", **shorter).words.startswith("near: it is shelved for another 10 min")
+    assert run.tell("shelve", "near", for_s=900).accepted
+    assert level(run.see(0.5)) == 0.0
+    assert run.tell("unshelve", "near").accepted
+    assert level(run.see(0.5)) == 1.0
+
+
 def test_one_shot_shelving_ends_when_the_alarm_has_returned_to_normal():
     run = rehearse()
     run.see(*FAR, *CLOSE)
