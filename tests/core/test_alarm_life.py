@@ -194,7 +194,7 @@ def test_only_unshelving_ends_a_shelf_sooner():
     run.see(*FAR, *CLOSE)
     assert run.tell("shelve", "near", for_s=600).accepted
     for shorter in ({"for_s": 30}, {"for_s": 3600, "one_shot": True}):
-        assert run.tell("shelve", "near", **shorter).words.startswith("near: it is shelved for another 10 min")
+        assert run.tell("shelve", "near", **shorter).words.startswith("near: it is shelved for another 10")
     assert run.tell("shelve", "near", for_s=900).accepted
     assert level(run.see(0.5)) == 0.0
     assert run.tell("unshelve", "near").accepted

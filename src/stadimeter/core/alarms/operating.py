@@ -127,7 +127,7 @@ def _shelve(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     held_s = inhibits.shelved_until_s
     if held_s is not None and (until_s < held_s or (command.one_shot and not inhibits.is_one_shot)):
         # Who may only quiet rules must not let one act sooner.
-        return f"it is shelved for another {duration(round(held_s - evaluation.inputs.now_s, 3))}; unshelve it first"
+        return f"it is shelved for another {rounded_duration(held_s - evaluation.inputs.now_s)}; unshelve it first"
     inhibits = replace(inhibits, shelved_until_s=until_s, is_one_shot=command.one_shot, shelved_by=command.by)
     evaluation.record.inhibits = inhibits
     how = f"for {duration(for_s)}" + (", or until it has returned to normal" if command.one_shot else "")
