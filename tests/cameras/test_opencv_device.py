@@ -206,6 +206,47 @@ def test_a_damaged_picture_is_passed_over(device: FakeDevice, node: Path, clock:
     assert camera.read().image[0, 0, 0] == 3
 
 
+def jpeg_row(level: int, lost: int = 0) -> np.ndarray:
+    """Return a JPEG as OpenCV gives it that shall not decode it: a row of bytes; some may be missing inside."""
+    noise = np.random.default_rng(level).integers(0, 60, (480, 640, 3), dtype=np.uint8)
+    data = cv2.imencode(".jpg", picture(level) + noise)[1].ravel()
+    return np.delete(data, slice(len(data) // 2, len(data) // 2 + lost))[np.newaxis]
+
+
+def test_a_jpeg_that_lacks_something_inside_is_passed_over(device: FakeDevice, node: Path, clock: ManualClock) -> None:
+    camera = camera_of(device, node, clock)
+    device.images = [jpeg_row(10), jpeg_row(50, lost=700), jpeg_row(90)]
+    camera.open()
+    assert device.values[cv2.CAP_PROP_CONVERT_RGB] == 0
+    assert camera.read().image.mean() == pytest.approx(120, abs=3)
+    assert camera.remarks == ()
+
+
+def test_a_camera_whose_every_jpeg_is_damaged_is_used_as_opencv_decodes_it_and_a_remark_says_so(
+    device: FakeDevice, node: Path, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    damaged = jpeg_row(50, lost=700)
+
+    def retrieve() -> tuple[bool, np.ndarray]:
+        clock.advance_s(0.5)
+        return True, picture(3) if device.values.get(cv2.CAP_PROP_CONVERT_RGB) else damaged
+
+    monkeypatch.setattr(device, "retrieve", retrieve)
+    camera = camera_of(device, node, clock)
+    camera.open()
+    assert camera.read().image[0, 0, 0] == 3
+    assert "damage goes unnoticed" in camera.remarks[0]
+
+
+def test_a_device_that_converts_all_the_same_is_believed(device: FakeDevice, node: Path, clock: ManualClock) -> None:
+    device.fixed.add(cv2.CAP_PROP_CONVERT_RGB)
+    camera = camera_of(device, node, clock)
+    device.images = [picture(1), picture(3)]
+    camera.open()
+    assert camera.read().image[0, 0, 0] == 3
+    assert camera.remarks == ()
+
+
 def test_a_camera_that_stays_silent_times_out_and_may_be_read_again(
     device: FakeDevice, node: Path, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 
 from stadimeter.cameras.arrival_pace import BLIND_SETTLE_S, ArrivalPace
 from stadimeter.cameras.capture_time import DriverStamp, KernelTime, StreamTime
+from stadimeter.cameras.jpeg_stream import JpegStream
 from stadimeter.cameras.live_camera import CapturedPicture, LiveCamera
 from stadimeter.cameras.opencv_settings import (
     CaptureLike,
@@ -32,10 +33,12 @@ from stadimeter.config.plugins import DriverContext
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image
 from stadimeter.core.seen_pictures import SeenPictures
-from stadimeter.errors import CaptureTimeoutError, DeviceOpenError, LinkLostError
+from stadimeter.errors import CaptureTimeoutError, DeviceOpenError, LinkLostError, PictureError
 
 # Time limit for a device's first frame: USB cameras start slowly.
 FIRST_FRAME_S = 3.0
+
+MJPG = cv2.VideoWriter.fourcc(*"MJPG")
 
 # Time limit for a stream's answer.
 STREAM_OPEN_S = 5.0
@@ -101,6 +104,7 @@ class OpenCvCamera(LiveCamera):
         self._source = ""
         self._subsampling = subsampling_of(options)
         self._capture: CaptureLike | None = None
+        self._jpegs: JpegStream | None = None
         self._kernel_time = KernelTime(monotonic)
         self._stamp = DriverStamp(options.frame_latency_s())
         self._stream_time = StreamTime(options.frame_latency_s())
@@ -125,12 +129,28 @@ class OpenCvCamera(LiveCamera):
         self._position = 0.0
         differ = () if self._options.is_stream else apply_settings(capture, self._options)
         self._exposure_s = fixed_exposure_s(capture, self._options)
+        is_jpeg = not self._options.is_stream and capture.get(cv2.CAP_PROP_FOURCC) == MJPG
+        is_jpeg = is_jpeg and capture.set(cv2.CAP_PROP_CONVERT_RGB, 0.0)
+        self._jpegs = JpegStream() if is_jpeg else None
         try:
-            image = self._next_picture(capture, FIRST_FRAME_S).image
+            image = self._first_picture(capture).image
         except (CaptureTimeoutError, LinkLostError) as error:
             asked = f" ({'; '.join(differ)})" if differ else ""
             raise DeviceOpenError(f"the camera {self._name} opens but gives no picture{asked}") from error
+        if is_jpeg and self._jpegs is None:
+            differ += ("libjpeg finds damage in each of its pictures, so further damage goes unnoticed",)
         return differ + size_differs(image, self._options)
+
+    def _first_picture(self, capture: CaptureLike) -> CapturedPicture:
+        """Wait for the first picture; of a camera whose every JPEG seems damaged, take it as OpenCV decodes it."""
+        try:
+            return self._next_picture(capture, FIRST_FRAME_S)
+        except CaptureTimeoutError as error:
+            if self._jpegs is None or "damaged" not in str(error):
+                raise
+        self._jpegs = None
+        capture.set(cv2.CAP_PROP_CONVERT_RGB, 1.0)
+        return self._next_picture(capture, FIRST_FRAME_S)
 
     def _next(self) -> CapturedPicture:
         if self._capture is None:
@@ -184,7 +204,7 @@ class OpenCvCamera(LiveCamera):
                 captured_at_s = self._captured_at_s(capture)
                 if captured_at_s is None:
                     passed_over["late"] += 1
-                elif (image := _decoded(capture)) is not None:
+                elif (image := _decoded(capture, self._jpegs)) is not None:
                     return CapturedPicture(image, captured_at_s, self._exposure_s)
                 else:
                     passed_over["damaged"] += 1
@@ -242,11 +262,16 @@ def _why_not(node: Path) -> str:
     return "it does not answer as a camera does; unplug it and plug it in again"
 
 
-def _decoded(capture: CaptureLike) -> Image | None:
-    """Return the grabbed frame as a colour picture, or None if it is damaged: USB cameras send such ones at times."""
+def _decoded(capture: CaptureLike, jpegs: JpegStream | None) -> Image | None:
+    """Return the grabbed frame as a colour picture, or None if it is damaged: USB cameras send such ones at times.
+
+    A JPEG comes as one row of its bytes. OpenCV's own decoder would fill in what is missing.
+    """
     try:
         came, image = capture.retrieve()
-    except cv2.error:
+        if came and jpegs is not None and image is not None and image.shape[0] == 1:
+            return jpegs.decode(image.tobytes())
+    except (cv2.error, PictureError):
         return None
     if not came or image is None or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
         return None
