@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -25,6 +27,14 @@ def test_questions_without_a_standard_input_are_refused_as_those_without_a_termi
     done = run("init x.toml <&-")
     assert done.returncode == 2
     assert done.stderr.startswith("error: init asks questions, and there is no terminal here")
+
+
+def test_what_is_typed_and_is_no_text_is_refused_in_a_line(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "stadimeter", "web", str(tmp_path / "r.toml"), "--set-password"]
+    env = {**os.environ, "PYTHONIOENCODING": "utf-8:strict"}  # as with the languages of most people
+    done = subprocess.run(command, input=b"b\xe4d\n" * 2, capture_output=True, check=False, timeout=120, env=env)
+    assert done.returncode == 2
+    assert done.stderr.decode().splitlines()[-1] == "error: a password has 8 to 500 characters"
 
 
 @pytest.mark.parametrize("command", ["--version", "help", "check none.toml --json"])

@@ -145,7 +145,7 @@ def _private(examined: Examined) -> re.Pattern[str]:
     configuration = examined.configured.configuration
     messenger = configuration and configuration.messenger
     of_broker = [getattr(messenger.options, key, None) for key in ("host", "username")] if messenger else []
-    home = str(Path.home())
+    home = os.environ.get("HOME") or "/"  # a user of a service may have none
     users = (os.environ.get(key) for key in ("USER", "SUDO_USER"))
     names = {socket.gethostname(), *users, *of_broker} - {None, "", "localhost", "root", "stadimeter"}
     words = [rf"\b{re.escape(str(name))}\b" for name in names]

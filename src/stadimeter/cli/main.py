@@ -257,6 +257,8 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # a file's name need be no text, nor need a terminal know every letter
             write_plainly(stream)
+    if isinstance(sys.stdin, TextIOWrapper):
+        sys.stdin.reconfigure(errors="replace")  # what is typed need not be text either
     try:
         app()
     except OSError as error:
