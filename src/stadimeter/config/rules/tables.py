@@ -264,7 +264,7 @@ class RuleTable(Section):
 
     @property
     def tolerance(self) -> rule.DelayTolerance:
-        """What does not start the delays over: of any duration one frame; without a word the default of core."""
+        """What does not start the delays over; a duration forgives one frame. Not written: the default of the core."""
         if isinstance(self.delay_tolerance, ToleratedFramesTable):
             return rule.DelayTolerance(samples=self.delay_tolerance.frames, for_s=0.0)
         if self.delay_tolerance is not None:
