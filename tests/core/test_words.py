@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from stadimeter.config.units import parse_duration
 from stadimeter.core.words import duration, figure_in_words, length, rounded_duration, short_figure, uncertain_figure
+from stadimeter.ranging.view_motion import ViewMotion
 from support.each_case import each_case
 
 
@@ -55,3 +56,10 @@ def test_no_small_figure_is_written_as_nothing():
 @each_case(("seconds", "words"), [(44 / 3, "14.7 s"), (10.25, "10.25 s"), (1234.5, "1234.5 s")])
 def test_seconds_are_as_they_were_written_or_rounded(seconds, words):
     assert figure_in_words(seconds, "s") == words
+
+
+def test_no_standard_deviation_is_written_as_nothing():
+    motion = ViewMotion(pan_rad=0.01, tilt_rad=0.0, roll_rad=0.0, zoom=0.0, sigmas=(2e-5, 0.0, 1e-3, 2e-5), inliers=90)
+    assert motion.in_words() == (
+        "pan +0.57° ± 0.0011°, tilt +0.00° ± 0.00°, roll +0.00° ± 0.06°, zoom +0.00% ± 0.002% (90 features agree)"
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -12,8 +13,10 @@ from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.config.loader import DriverChoice
 from stadimeter.config.plugins import DETECTORS, load_driver
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import MeasurementStatus
-from stadimeter.workbench.measuring import measure_picture
+from stadimeter.workbench.measuring import Measuring, measure_picture
+from support.crossing_balls import BLANK, PretendBalls
 
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
 
@@ -86,3 +89,35 @@ def test_a_picture_of_another_aspect_is_an_error_with_a_reason(ball_picture: Pat
         assert each.measurement.status is MeasurementStatus.ERROR
         assert "another aspect" in each.measurement.reason
         assert each.measurement.distance_m is None
+
+
+class Steady(PretendBalls):
+    """Finds every ball in every frame."""
+
+    def _is_found(self, seen: object) -> bool:
+        return True
+
+
+class Film:
+    """A source of blank frames, thirty a second."""
+
+    def frames(self, note: object) -> Iterator[Frame]:
+        for number in range(60):
+            yield Frame(BLANK, number / 30, number)
+
+
+def test_several_of_one_kind_keep_their_names_through_a_video() -> None:
+    """The left one goes away and the right one comes nearer, which makes it the largest."""
+    far_m = np.linspace(1.0, 1.6, 60)
+    left, right = (
+        np.stack([0 * far_m + x_m, 0 * far_m, z_m], axis=1) for x_m, z_m in ((-0.2, far_m), (0.2, far_m[::-1]))
+    )
+    balls = Steady(np.stack([left, right], axis=1), seed=1)
+    target = NamedDetector(name="balls", detector=balls, members=("balls-1", "balls-2"))
+    named = [
+        {each.measurement.target: (each.measurement.position_m or (0.0,))[0] > 0 for each in result.targets}
+        for result in Measuring([target], CAMERA).measure_all(Film(), "film.mp4", print)
+    ]
+    assert len(named) == 60
+    assert all(each == named[0] for each in named)
+    assert set(named[0]) == {"balls-1", "balls-2"}

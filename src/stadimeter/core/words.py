@@ -47,8 +47,12 @@ def uncertain_figure(noun: str, value: float, sigma: float, unit: str) -> str:
     if 0 < abs(value) < 0.1 and unit in _SMALL_UNITS:
         sigma *= _SMALL_UNITS[unit][1]
         return f"{noun} {short_figure(value, unit)} ± {rounded(sigma, 2)}"
-    about = rounded(sigma, 2) if 0 < sigma < 0.005 else f"{sigma:.2f}"
-    return f"{noun} {short_figure(value, unit)} ± {about}"
+    return f"{noun} {short_figure(value, unit)} ± {about(sigma)}"
+
+
+def about(sigma: float) -> str:
+    """Return a standard deviation to the hundredth, or with two significant digits where that is nothing."""
+    return rounded(sigma, 2) if 0 < sigma < 0.005 else f"{sigma:.2f}"
 
 
 def length(value_m: float) -> str:

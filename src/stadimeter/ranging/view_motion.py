@@ -19,6 +19,8 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from stadimeter.core.words import about
+
 Directions = NDArray[np.float64]
 
 ROUNDS = 12
@@ -64,8 +66,9 @@ class ViewMotion(Struct, frozen=True, kw_only=True):
     def in_words(self) -> str:
         """Return what moved by how much, with standard deviations."""
         angles = zip(("pan", "tilt", "roll"), (self.pan_rad, self.tilt_rad, self.roll_rad), self.sigmas, strict=False)
-        turned = (f"{name} {math.degrees(by):+.2f}° ± {math.degrees(sigma):.2f}°" for name, by, sigma in angles)
-        return f"{', '.join(turned)}, zoom {self.zoom:+.2%} ± {self.sigmas[3]:.2%} ({self.inliers} features agree)"
+        turned = (f"{name} {math.degrees(by):+.2f}° ± {about(math.degrees(sigma))}°" for name, by, sigma in angles)
+        zoom = f"zoom {self.zoom:+.2%} ± {about(100 * self.sigmas[3])}%"
+        return f"{', '.join(turned)}, {zoom} ({self.inliers} features agree)"
 
     @property
     def rotation_rad(self) -> float:

@@ -180,23 +180,31 @@ def measure_picture(
 
 
 class Measuring:
-    """Measures targets in one frame after the other, each as if there had been none before."""
+    """Measures targets in one frame after the other, each as if there had been none before.
+
+    Only the names of several of one kind go on through the frames of a source.
+    """
 
     def __init__(self, targets: Sequence[NamedDetector], camera_model: CameraModel, mount: Mount | None = None) -> None:
         self._targets = targets
         self._mount = mount
         self._perceiver = Perceiver({}, camera_model)
+        self._several: dict[str, Several] = {}
 
     def measure(self, frame: Frame, file: str) -> PictureResult:
-        """Return a result for each target; of tags without a number, one for each that is seen.
+        """Return a result for each target of a picture; of tags without a number, one for each that is seen.
 
         Raises:
             CalibrationError: The frame has another aspect than the camera model.
         """
+        self._several.clear()
+        return self._measure(frame, file)
+
+    def _measure(self, frame: Frame, file: str) -> PictureResult:
         lens = self._perceiver.lens_of(frame)
         results, number = [], 1
         for target in self._targets:
-            for detection in _detections(target, frame, lens):
+            for detection in self._detections(target, frame, lens):
                 result = _result(file, detection, target, lens, number)
                 edges = partial(_edges, target.detector, frame, detection, lens)
                 results.append(replace(result, find_edges=edges, mount=self._mount))
@@ -211,12 +219,29 @@ class Measuring:
             PictureError: A recording is damaged at this point.
         """
         began_s = None
+        self._several.clear()
         for frame in source.frames(note):
             began_s = frame.captured_at_s if began_s is None else began_s
             time_s = frame.captured_at_s - began_s
-            result = self.measure(frame, file)
+            result = self._measure(frame, file)
             placed = (replace(each, frame=frame.sequence, time_s=time_s) for each in result.targets)
             yield replace(result, targets=tuple(placed))
+
+    def _detections(self, target: NamedDetector, frame: Frame, lens: CameraModel) -> tuple[Detection, ...]:
+        """Return every target that says which one it is, or the one that there is.
+
+        Several of one kind have the names that they get in a run that begins with the first frame. Those that are not
+        there are left out, unless their numbers say that each must be.
+        """
+        detector = target.detector
+        if isinstance(detector, TracksSeveral) and target.members != (target.name,):
+            several = self._several.setdefault(target.name, Several(target.members, detector))
+            each = tuple(several.look(frame, lens, {}).values())
+            seen = tuple(one for one in each if detector.numbers or one.status is not DetectionStatus.NOT_FOUND)
+            return seen or each[:1]
+        if isinstance(detector, FindsSeveral):
+            return detector.detect_all(frame, lens=lens)
+        return (detector.detect(frame, lens=lens),)
 
     def between(self, result: PictureResult, names: tuple[str, str]) -> Separation | None:
         """Return how far two targets of a picture are apart; None unless both were measured in it."""
@@ -225,22 +250,6 @@ class Measuring:
         seen = {each.measurement.target: each.seen for each in result.targets}
         one, other = (seen.get(name) for name in names)
         return separation(one, other, self._perceiver.lens_of(result.frame)) if one and other else None
-
-
-def _detections(target: NamedDetector, frame: Frame, lens: CameraModel) -> tuple[Detection, ...]:
-    """Return every target that says which one it is, or the one that there is.
-
-    Several of one kind have the names that they get in a run that begins with this frame. Those that are not there are
-    left out, unless their numbers say that each must be.
-    """
-    detector = target.detector
-    if isinstance(detector, TracksSeveral) and target.members != (target.name,):
-        each = tuple(Several(target.members, detector).look(frame, lens, {}).values())
-        seen = tuple(one for one in each if detector.numbers or one.status is not DetectionStatus.NOT_FOUND)
-        return seen or each[:1]
-    if isinstance(detector, FindsSeveral):
-        return detector.detect_all(frame, lens=lens)
-    return (detector.detect(frame, lens=lens),)
 
 
 def _edges(detector: Detector, frame: Frame, found: Detection, lens: CameraModel) -> Points:
