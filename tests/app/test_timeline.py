@@ -47,7 +47,8 @@ class Rig:
             for name, metres in {"ball": distance_m, **also}.items()
         ]
         decision = SimpleNamespace(tracks=tuple(tracks), rules=(RuleTrace(rule="near", status=status),))
-        self.keeper(SimpleNamespace(decision=decision))  # type: ignore[arg-type]
+        observation = SimpleNamespace(now_s=self.now_s)
+        self.keeper(SimpleNamespace(decision=decision, observation=observation))  # type: ignore[arg-type]
         self.now_s += for_s
 
     def read(self, step_s: int = 1, from_s: float = 0, to_s: float = 2**32) -> list[tuple[Names, np.ndarray]]:

@@ -61,15 +61,21 @@ def folder(desk: Desk) -> Path:
     return desk.configuration.parent / "timeline" / "room"
 
 
-def keep(folder: Path, distances_m: list[float | None], began_s: int = BEGAN_S, rule: str = "near") -> None:
-    """Keep a second for each distance; nearer than 1 m the rule is active."""
+def keep(
+    folder: Path, distances_m: list[float | None], began_s: int = BEGAN_S, rule: str = "near", run_rate: float = 1.0
+) -> None:
+    """Keep a second for each distance; nearer than 1 m the rule is active. The run's clock has its own rate."""
     times = iter(range(began_s, began_s + len(distances_m)))
     keeper = TimelineKeeper(folder, 1e9, lambda: next(times))
-    for metres in distances_m:
+    for second, metres in enumerate(distances_m):
         status = TrackStatus.LOST if metres is None else TrackStatus.TRACKING
         track = Track(target="ball", status=status, distance_m=metres, sigma_m=0.02)
         trace = RuleTrace(rule=rule, status=RuleStatus.ACTIVE if (metres or 9) < 1 else RuleStatus.IDLE)
-        keeper(SimpleNamespace(decision=SimpleNamespace(tracks=(track,), rules=(trace,))))  # type: ignore[arg-type]
+        decision, observation = (
+            SimpleNamespace(tracks=(track,), rules=(trace,)),
+            SimpleNamespace(now_s=run_rate * second),
+        )
+        keeper(SimpleNamespace(decision=decision, observation=observation))  # type: ignore[arg-type]
         keeper.step()
     keeper.close()
 
@@ -165,6 +171,21 @@ def test_a_moment_that_a_recording_holds_is_explained_by_it(desk: Desk, recorded
         near = next(each for each in found["rules"] if each["rule"] == "near")
         assert near["status"] == status
         assert words in near["reason"]
+
+
+@pytest.mark.long
+def test_a_moment_of_a_run_that_lagged_is_explained_by_the_clock_of_the_run(
+    desk: Desk, folder: Path, recorded: float
+) -> None:
+    """Two minutes of a run took four by the computer's clock: after 100 s the ball is not near yet."""
+    keep(folder, [2.0] * 240, began_s=int(recorded), run_rate=0.5)
+    path = desk.configuration.parent / "recordings" / "clips" / "one.mcap"
+    os.utime(path, (recorded + 240, recorded + 240))
+    for after_s, status in ((100, "idle"), (200, "active")):
+        found = ask(desk, "timeline_moment.moment", at=recorded + after_s)
+        near = next(each for each in found["rules"] if each["rule"] == "near")
+        assert (found["held_by"], near["status"]) == ("clips/one.mcap", status)
+        assert found["since_s"] == pytest.approx(after_s / 2, abs=1.5)
 
 
 def test_a_moment_of_the_last_minute_is_explained_by_the_run(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:

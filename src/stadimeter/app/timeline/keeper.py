@@ -44,8 +44,8 @@ CLOSE_WAIT_S = 0.5
 
 _RANKS = {state: rank for rank, state in enumerate(STATES)}
 
-# When it was, what was tracked, and what the rules did.
-_Cycle = tuple[int, Sequence[Track], Sequence[RuleTrace]]
+# When it was by the computer's clock and by the run's, what was tracked, and what the rules did.
+_Cycle = tuple[int, float, Sequence[Track], Sequence[RuleTrace]]
 
 
 class TimelineKeeper:
@@ -74,7 +74,8 @@ class TimelineKeeper:
 
     def __call__(self, record: CycleRecord, _frame: Frame | None = None) -> None:
         """Take in a cycle."""
-        self._cycles.append((int(self._unix_s()), record.decision.tracks, record.decision.rules))
+        decision = record.decision
+        self._cycles.append((int(self._unix_s()), record.observation.now_s, decision.tracks, decision.rules))
 
     def note_state(self, state: State) -> None:
         """Take in that the run goes on from an earlier one, which is no matter here."""
@@ -164,13 +165,13 @@ class TimelineKeeper:
 
 
 def _names_of(cycle: _Cycle) -> Names:
-    _, tracks, rules = cycle
+    _, _, tracks, rules = cycle
     return Names(tuple([track.target for track in tracks]), tuple([trace.rule for trace in rules]))
 
 
-def _row_of(cycle: _Cycle) -> tuple[int, list[tuple[float, ...]], list[int]]:
-    unix_s, tracks, rules = cycle
-    return unix_s, [_figures_of(track) for track in tracks], [_RANKS[trace.status] for trace in rules]
+def _row_of(cycle: _Cycle) -> tuple[int, float, list[tuple[float, ...]], list[int]]:
+    unix_s, run_s, tracks, rules = cycle
+    return unix_s, run_s, [_figures_of(track) for track in tracks], [_RANKS[trace.status] for trace in rules]
 
 
 def _figures_of(track: Track) -> tuple[float, ...]:

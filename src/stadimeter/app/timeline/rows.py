@@ -2,8 +2,9 @@
 
 A segment is what one run wrote of the same targets and rules, for a day at most: ``NAME.1`` with a row for each second,
 and ``NAME.10``, ``NAME.60`` and ``NAME.600`` with one for as many seconds, from which a long time is read quickly. Each
-file begins with a line of JSON that names targets and rules. The coarser files are written every ten minutes; what they
-lack after a power cut is made of the seconds, and half a row at the end is not read.
+row has the time by the computer's clock and by that of the run: recordings go by that, and either may lag or be set.
+Each file begins with a line of JSON that names targets and rules. The coarser files are written every ten minutes; what
+they lack after a power cut is made of the seconds, and half a row at the end is not read.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ from stadimeter.errors import JournalError, StadimeterError
 
 FOLDER = "timeline"
 LEVELS_S = (1, 10, 60, 600)
+
+# What rows consist of; files of another format are passed over.
+FORMAT = 2
 
 # What is known of a target in a row: means, the extremes of the distance, and how much of the time it was seen.
 FIGURES = ("mean_m", "sigma_m", "low_m", "high_m", "seen")
@@ -52,12 +56,13 @@ class Names(Struct, frozen=True):
 
     targets: tuple[str, ...]
     rules: tuple[str, ...]
+    format: int = FORMAT
 
     @property
     def row(self) -> np.dtype[Any]:
         """What a row consists of."""
         figures = ("figures", "<f4", (len(self.targets), len(FIGURES)))
-        return np.dtype([("unix_s", "<u4"), figures, ("states", "u1", (len(self.rules),))])
+        return np.dtype([("unix_s", "<u4"), ("run_s", "<f8"), figures, ("states", "u1", (len(self.rules),))])
 
     @property
     def head(self) -> bytes:
@@ -83,6 +88,7 @@ def merge_rows(rows: Rows, step_s: int) -> Rows:
     begins = np.flatnonzero(np.concatenate([[True], steps[1:] != steps[:-1]]))
     merged = np.zeros(len(begins), rows.dtype)
     merged["unix_s"] = steps[begins] * step_s
+    merged["run_s"] = rows["run_s"][begins]
     merged["states"] = np.maximum.reduceat(rows["states"], begins)
     found, figures = rows["figures"], merged["figures"]
     seen = np.add.reduceat(found[..., SEEN], begins)

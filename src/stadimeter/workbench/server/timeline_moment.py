@@ -17,12 +17,12 @@ from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
 from stadimeter.core.rules.explaining import explain
 from stadimeter.errors import ConfigError, ControlError, StadimeterError
-from stadimeter.workbench.replay.recording_index import read_index
+from stadimeter.workbench.replay.recording_index import RecordingIndex, read_index
 from stadimeter.workbench.replay.replay import decisions, read_recording, replay_run
 from stadimeter.workbench.server.operations import Desk, operation
 from stadimeter.workbench.server.recordings import began_unix_s, recordings
 from stadimeter.workbench.server.run_of_desk import folder_of, run_socket
-from stadimeter.workbench.server.timeline import timeline
+from stadimeter.workbench.server.timeline import run_time_s, timeline
 
 # The run explains the last minute itself.
 RUN_REMEMBERS_S = 60.0
@@ -116,12 +116,16 @@ def _by_recording(desk: Desk, at_s: float) -> dict[str, Any] | None:
     folder = folder_of(desk)
     last = folder / LAST / desk.configuration.stem
     paths = [*folder.glob("*.mcap"), *folder.glob("clips/*.mcap"), *last.glob("*.mcap")]
+    run_s = run_time_s(desk, at_s)
     for path in (each for each in sorted(paths, key=_ended_s) if _ended_s(each) >= at_s - 1):
         with suppress(StadimeterError, OSError):  # damaged, only just begun, or gone
-            since_s = at_s - began_unix_s(read_recording(path).header, at_s + 1)
-            if since_s >= 0 and since_s <= read_index(path).seconds:
-                name = path.name if path.parent != last else None
-                return {"by": "recording", "recording": name, "since_s": since_s, "rules": _decided(path, since_s)}
+            since_s, index = at_s - began_unix_s(read_recording(path).header, at_s + 1), read_index(path)
+            if since_s >= 0 and run_s is not None:
+                since_s = run_s - index.moment(0.0).cycle.record().observation.now_s
+            if 0 <= since_s <= index.seconds:
+                held = {"recording": path.name if path.parent != last else None, "since_s": since_s}
+                held_by = path.relative_to(folder).as_posix()
+                return {"by": "recording", **held, "held_by": held_by, "rules": _decided(index, since_s)}
     return None
 
 
@@ -132,9 +136,8 @@ def _ended_s(path: Path) -> float:
         return 0.0
 
 
-def _decided(path: Path, since_s: float) -> list[dict[str, str]]:
+def _decided(index: RecordingIndex, since_s: float) -> list[dict[str, str]]:
     """Return what each rule did at a moment of a recording, and why if deciding it again comes to the same."""
-    index = read_index(path)
     recorded = index.moment(since_s).cycle.record()
     until_s = recorded.observation.now_s
     run = replay_run(index.recording, None)

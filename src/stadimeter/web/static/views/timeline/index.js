@@ -173,6 +173,7 @@ class Timeline {
     );
     this.moment.hidden = false;
     replace(this.moment, head, this.teaching?.buttons(unix_s), h("p", { class: "quiet" }, "One moment …"));
+    let known = {};
     const told = await this.api.get(`timeline/moment?at=${unix_s}`).then(
       (found) => [
         h(
@@ -182,10 +183,10 @@ class Timeline {
           " ",
           found.recording && h("a", { href: "#recordings" }, found.recording),
         ),
-        describe(found, this.unit, "Measured, mean of that second"),
+        describe((known = found), this.unit, "Measured, mean of that second"),
       ],
       (error) => h("p", null, error.message),
     );
-    replace(this.moment, head, this.teaching?.buttons(unix_s), told);
+    replace(this.moment, head, this.teaching?.buttons(unix_s, known), told);
   }
 }

@@ -64,18 +64,20 @@ export class Teaching {
     return this.#ask();
   }
 
-  /** The buttons below a moment. */
-  buttons(unix_s) {
-    const [yes, no] = [true, false].map((fire) => () => this.#mark(unix_s, fire));
+  /** The buttons below a moment; `told` is the answer about it, which knows its place in a recording by the run's clock. */
+  buttons(unix_s, told = {}) {
+    const [yes, no] = [true, false].map((fire) => () => this.#mark(unix_s, fire, told));
     return row(button("Should have fired", yes), button("Should not have fired", no));
   }
 
-  async #mark(unix_s, fire) {
+  async #mark(unix_s, fire, { held_by, since_s }) {
     if (!(await this.#hasRule())) return;
     if (!this.#at(unix_s)) await this.#ask(unix_s);
-    const found = this.#at(unix_s);
+    const held = this.#known.find(({ name }) => name === held_by);
+    const found = held ?? this.#at(unix_s);
     if (!found) return this.view.say("No recording holds this moment, so nothing can be tried on it.", "error");
-    const text = `${found.name}@${(unix_s - found.began_unix_s).toFixed(3)}s ${fire ? "fire" : "no"}`;
+    const at_s = held ? since_s : unix_s - found.began_unix_s;
+    const text = `${found.name}@${at_s.toFixed(3)}s ${fire ? "fire" : "no"}`;
     this.marks.push({ unix_s, fire, text });
     this.#showMarks();
     await this.#answer("teach", { marks: this.#texts() });
