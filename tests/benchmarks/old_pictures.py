@@ -41,6 +41,7 @@ from stadimeter.simulation.emulated_port import EmulatedPort
 from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
 from stadimeter.simulation.silhouette import paint_ball
 from support.simulated_run import LENS as LENS_TABLE
+from support.slow_network import hand_on
 
 SIZE = (640, 480)
 RATE_HZ = 30.0
@@ -149,6 +150,7 @@ class Source:
         burst_hz: How fast pictures that waited are sent.
         newest: The pictures that were taken last, up to 600.
         link_bytes_s: How many bytes a second the link carries; the rest waits in the sender's buffers.
+        ends_packets: Whether packets of that link end with pictures, as a router's queue leaves them.
         kept: Whether pictures that wait outlive the connection, as in a relay.
     """
 
@@ -160,6 +162,7 @@ class Source:
         self.burst_hz = 150.0
         self.newest: deque[bytes] = deque(pictures(with_ball=True)[:2], maxlen=600)
         self.link_bytes_s = math.inf
+        self.ends_packets = False
         self.kept = False
         self._waiting: deque[tuple[float, bytes]] = deque()
         self._number, self._next_s = 0, now_s()
@@ -224,12 +227,7 @@ def slow_link(source: Source) -> Iterator[str]:
         def carry(client: socket.socket) -> None:
             with suppress(OSError), client, socket.create_connection((host, port)) as sender:
                 sender.sendall(client.recv(65536))
-                while not source.ended.is_set():
-                    data = sender.recv(round(min(65536, 0.004 * source.link_bytes_s)))
-                    if not data:
-                        return
-                    client.sendall(data)
-                    time.sleep(len(data) / source.link_bytes_s)
+                hand_on(sender, client, lambda: source.link_bytes_s, source.ended, ends_packets=source.ends_packets)
 
         def accept() -> None:
             with suppress(OSError):
@@ -339,6 +337,10 @@ def _smaller(data: bytes) -> bytes:
     return cv2.imencode(".jpg", cv2.resize(image, None, fx=0.5, fy=0.5), [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
 
 
+def _end(source: Source) -> None:
+    source.ends_packets = True
+
+
 def _slow(share: float) -> Callable[[Source, int], float]:
     """Leave the link a share of what the pictures need, and take the ball away up to 4 s later."""
 
@@ -399,6 +401,12 @@ FAILURES = (
     Failure("30 old pictures in turn", _repeat(30)),
     Failure("two old pictures of two sizes in turn", _repeat(2, sizes=True)),
     *(Failure(f"link at {100 * share:.0f} %", _slow(share), is_slow_link=True) for share in (0.5, 0.7, 0.9)),
+    *(
+        Failure(
+            f"link at {100 * share:.0f} %, packets end with pictures", _slow(share), is_slow_link=True, prepare=_end
+        )
+        for share in (0.5, 0.7, 0.9)
+    ),
     Failure("H.264 over UDP, 18 % lost", _lose_the_ball, moves=False, loss=0.18),
     Failure("lag of 2 s, unsaid", _lose_the_ball, camera="", moves=False, prepare=_late),
     Failure("lag of 2 s, stated", _lose_the_ball, camera='latency = "2 s"', moves=False, prepare=_late),

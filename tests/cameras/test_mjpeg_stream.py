@@ -23,6 +23,7 @@ from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import CaptureTimeoutError, DeviceOpenError, DriverError
 from stadimeter.testing.rig import eventually
+from support.slow_network import hand_on
 
 PERIOD_S = 0.02
 PATIENCE_S = 120.0
@@ -314,11 +315,16 @@ def test_the_lag_of_the_sender_s_time_stamps_counts_into_the_age(
 
 
 class SlowLink:
-    """Hands a connection on, at a rate that can be set; what the link cannot take stays in the sender's buffers."""
+    """Hands a connection on in packets, at a rate that can be set; what does not fit waits in the sender's buffers.
 
-    def __init__(self, port: int) -> None:
+    Args:
+        ends_packets: Whether packets end with pictures, as in a router's queue, and are full otherwise.
+    """
+
+    def __init__(self, port: int, *, ends_packets: bool) -> None:
         self.bytes_a_second = math.inf
         self.ended = threading.Event()
+        self._ends_packets = ends_packets
         self._port = port
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.place = f"127.0.0.1:{self._listening.getsockname()[1]}"
@@ -332,9 +338,7 @@ class SlowLink:
             socket.create_connection(("127.0.0.1", self._port)) as sender,
         ):
             sender.sendall(client.recv(65536))
-            while not self.ended.is_set() and (data := sender.recv(round(min(65536, 0.004 * self.bytes_a_second)))):
-                client.sendall(data)
-                time.sleep(len(data) / self.bytes_a_second)
+            hand_on(sender, client, lambda: self.bytes_a_second, self.ended, ends_packets=self._ends_packets)
 
     def close(self) -> None:
         self.ended.set()
@@ -344,11 +348,12 @@ class SlowLink:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("ends_packets", [False, True])
 @pytest.mark.parametrize("share", [0.5, 0.9])
 def test_a_link_that_is_too_slow_drives_nothing(
-    server: Server, open_camera: Callable[..., OpenCvCamera], share: float
+    server: Server, open_camera: Callable[..., OpenCvCamera], share: float, ends_packets: bool
 ) -> None:
-    with closing(SlowLink(server.server_port)) as link:
+    with closing(SlowLink(server.server_port, ends_packets=ends_packets)) as link:
         camera = open_camera(f"http://{link.place}/cam", read_timeout="1.5 s")
         frames_of(camera, 40)
         link.bytes_a_second = share * len(picture(0)) / PERIOD_S

@@ -18,9 +18,9 @@ from stadimeter.cameras.arrival_pace import SETTLE_S, SLOWER_AFTER_S, ArrivalPac
 # A stream whose lag still falls by this within `SETTLE_S` is delivering what waited.
 FALL_S = 0.05
 
-# The next picture has begun to arrive with each one for longer than this, or with most on a running mean: the link has
-# no pauses, so a lag builds up. It has them again when that is so for few. On a link that is too slow 1 picture in 8
-# looks otherwise, when a packet ends between its end and the beginning of the next; with pauses nearly all do.
+# Pictures begin without a pause after the one before for longer than this, or most on a running mean: the link has no
+# pauses, so a lag builds up. It has them again when that is so for few. On a link that is too slow 1 picture in 8 looks
+# otherwise, by the jitter of its packets; with pauses nearly all do.
 BACKED_UP_S = 0.3
 BACKED_UP_SHARE = 0.6
 PAUSES_SHARE = 0.3
@@ -61,9 +61,9 @@ class StreamTime:
     comes may be as old as what came before. Stamps that stand still do not advance the capture time either.
 
     Without stamps, pictures are passed over after a gap, until they come at the usual pace again (see `ArrivalPace`),
-    and while the link is backed up: when the next picture has begun to arrive nearly each time that one is whole. A
-    camera that exposes for longer leaves pauses; a link that is too slow has none, and pictures queue up in the
-    sender's buffers without a sign in the stream. Where that cannot be seen, a slower pace is taken for it.
+    and while the link is backed up: when nearly each picture begins without a pause after the one before. A camera that
+    exposes for longer leaves pauses; a link that is too slow has none, and pictures queue up in the sender's buffers
+    without a sign in the stream. A slower pace is the camera's only where pauses are seen, else it is taken for a lag.
 
     A stream that was just opened may deliver what waited, too: FFmpeg looks at it for up to five seconds before it
     gives the first picture, and keeps what came meanwhile. Then the smallest lag falls from picture to picture, and
@@ -94,7 +94,7 @@ class StreamTime:
         self._settle_s = settle_s
         self._opened_at_s = math.nan
         self._emptied_at_s = -math.inf
-        self._begun_share, self._was_backed_up = BACKED_UP_SHARE, True
+        self._begun_share, self._is_backed_up = BACKED_UP_SHARE, False
 
     def captured_at_s(
         self, arrived_at_s: float, stamp_s: float = 0.0, pictures: int = 1, *, has_begun: bool | None = None
@@ -104,7 +104,7 @@ class StreamTime:
         Args:
             stamp_s: The sender's time stamp, on any clock; 0 if it has none.
             pictures: How many have come since the one before, this one included.
-            has_begun: Whether the next picture has begun to arrive with this one; None if that is not known.
+            has_begun: Whether it began to arrive without a pause after the one before; None if that is not known.
         """
         if math.isnan(self._opened_at_s):
             self._opened_at_s = arrived_at_s
@@ -122,26 +122,27 @@ class StreamTime:
         return self._last_captured_s
 
     def _why_late_without_stamps(self, arrived_at_s: float, pictures: int, has_begun: bool | None) -> str:
-        pace = self._blind_pace if has_begun is None else self._pace
         is_settling = arrived_at_s - self._opened_at_s < self._settle_s
-        if is_settling and not pace.is_known:
+        if is_settling and not self._pace.is_known:
             return WAITED  # a pace learnt from what waited while the stream was opened would be too fast
-        waited = pace.waited(arrived_at_s, pictures)
-        if has_begun is not None and self._is_backed_up(arrived_at_s, has_begun=has_begun):
+        waited, waited_blindly = (pace.waited(arrived_at_s, pictures) for pace in (self._pace, self._blind_pace))
+        self._look_for_pauses(arrived_at_s, has_begun)
+        if self._is_backed_up:
             return BACKED_UP
-        if waited and pace.is_slower:
+        has_pauses = arrived_at_s - self._emptied_at_s <= BACKED_UP_S
+        if waited_blindly and not has_pauses and self._blind_pace.is_slower:
             return SLOWER_PACE
-        return WAITED if waited or is_settling else ""
+        return WAITED if is_settling or (waited if has_pauses else waited_blindly) else ""
 
-    def _is_backed_up(self, arrived_at_s: float, *, has_begun: bool) -> bool:
+    def _look_for_pauses(self, arrived_at_s: float, has_begun: bool | None) -> None:
+        if has_begun is None:
+            return
         self._begun_share += WEIGHT_OF_NEW * (has_begun - self._begun_share)
         if not has_begun:
             self._emptied_at_s = arrived_at_s
         elif arrived_at_s - self._emptied_at_s > BACKED_UP_S:
             self._begun_share = 1.0
-        limit = PAUSES_SHARE if self._was_backed_up else BACKED_UP_SHARE
-        self._was_backed_up = self._begun_share > limit
-        return self._was_backed_up
+        self._is_backed_up = self._begun_share > (PAUSES_SHARE if self._is_backed_up else BACKED_UP_SHARE)
 
 
 class _Lag:

@@ -16,6 +16,7 @@ import time
 import traceback
 import urllib.request
 import zlib
+from collections.abc import Callable
 from urllib.error import HTTPError
 from urllib.parse import unquote, urlsplit
 
@@ -146,19 +147,28 @@ class MjpegStream:
 
     `grab` takes the newest picture that has arrived. What waited longer, since this program was held up, is passed over
     without being decoded; ``CAP_PROP_POS_FRAMES`` counts it. ``CAP_PROP_POS_MSEC`` is the sender's time stamp of the
-    picture, 0 if it has none. `has_begun` tells whether the next one had begun to arrive when this one was whole:
-    always, where the link is slower than the stream. `came_before` tells whether it is an old picture that is sent
-    again, byte for byte; it may have been passed over at first.
+    picture, 0 if it has none. `has_begun` tells whether it began to arrive without a pause after the one before (see
+    `_Pauses`): always, where the link is slower than the stream. `came_before` tells whether it is an old picture that
+    is sent again, byte for byte; it may have been passed over at first.
 
     Args:
         begin: What was read of the body already.
         seen: What came before, on earlier connections too.
     """
 
-    has_begun = False
+    has_begun: bool | None = None
     came_before = False
 
-    def __init__(self, body: _Body, boundary: str, begin: bytes, read_timeout_s: float, seen: SeenPictures) -> None:
+    def __init__(
+        self,
+        body: _Body,
+        boundary: str,
+        begin: bytes,
+        read_timeout_s: float,
+        seen: SeenPictures,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._monotonic = monotonic
         self._body = body
         self._seen = seen
         self._read_timeout_s = read_timeout_s
@@ -166,6 +176,7 @@ class MjpegStream:
         self._parts.feed(begin)
         self._part = StreamPart(b"", math.nan)
         self._jpegs = JpegStream()
+        self._pauses = _Pauses()
         self._received = 0
 
     def isOpened(self) -> bool:  # noqa: N802 - OpenCV's name and meaning
@@ -174,7 +185,7 @@ class MjpegStream:
 
     def grab(self) -> bool:
         """Wait for the newest picture; return whether one came within the read time-out."""
-        deadline_s = time.monotonic() + self._read_timeout_s
+        deadline_s = self._monotonic() + self._read_timeout_s
         try:
             return self._newest_part(deadline_s)
         except (OSError, LinkLostError, ValueError):
@@ -207,13 +218,87 @@ class MjpegStream:
             while (part := self._parts.next_part()) is not None:
                 self._part, came = part, True
                 self._received += 1
-                self.came_before = self._seen.note(zlib.crc32(part.body), time.monotonic())
-            wait_s = 0.0 if came else max(0.0, deadline_s - time.monotonic())
+                read_at_s = self._monotonic()
+                self.came_before = self._seen.note(zlib.crc32(part.body), read_at_s)
+                self.has_begun = self._pauses.end_picture(len(part.body), read_at_s)
+            read_at_s = self._monotonic()
+            wait_s = 0.0 if came else max(0.0, deadline_s - read_at_s)
             if passed_bytes > DRAIN_MAX_BYTES or (data := self._body.read(wait_s)) is None:
-                self.has_begun = self._parts.has_begun
+                if came:
+                    self._pauses.has_begun = self._parts.has_begun
                 return came
+            self._pauses.note_read(read_at_s, self._monotonic(), len(data), is_inside=self._parts.has_begun)
             self._parts.feed(data)
             passed_bytes += len(data)
+
+
+# A read that takes less time found its bytes waiting.
+WAITED_S = 5e-4
+
+# A picture of fewer bytes has too few packets to say how far apart they come: its last one may be short.
+JUDGED_BYTES = 4 * 1448
+
+# A link that is slower than its stream is never idle. It was before a picture if it was for so many times the longest
+# wait for a packet, and was not if for less than `NO_PAUSE`. With 20 packets in a picture that tells a link that is
+# busy for 85 % of the time from one that is busy all of it.
+PAUSE = 1.5
+NO_PAUSE = 0.5
+
+
+class _Pauses:
+    """Tells whether a stream pauses between pictures, by when its bytes are read.
+
+    Packets may end with pictures, as a queue on the way leaves them. Then the next picture has never begun to arrive
+    when one is whole; but it comes as soon after it as another packet would.
+
+    Attributes:
+        has_begun: Whether bytes of the next picture were here as soon as the last one was taken.
+    """
+
+    def __init__(self) -> None:
+        self._longest_s = 0.0
+        self._ended_s = self._first_s = self._last_s = math.nan
+        self._start()
+
+    def _start(self) -> None:
+        self.has_begun = self._is_awaited = False
+        self._longest_before_s, self._longest_s = self._longest_s, 0.0
+        self._first_bytes = self._other_bytes = 0
+
+    def note_read(self, looked_s: float, read_s: float, size_bytes: int, *, is_inside: bool) -> None:
+        """Note bytes that were read; `is_inside` if others of the same picture were here before."""
+        if is_inside:
+            self._longest_s = max(self._longest_s, read_s - looked_s)
+            self._other_bytes += size_bytes
+            self._last_s = read_s
+        else:
+            self._first_s = self._last_s = read_s
+            self._first_bytes, self._is_awaited = size_bytes, read_s - looked_s > WAITED_S
+
+    def end_picture(self, size_bytes: int, now_s: float) -> bool | None:
+        """Return whether a picture, which is whole, began without a pause; None if that does not show.
+
+        It does not where most of it was here before the reader looked.
+        """
+        has_begun = True if self.has_begun else self._judge(size_bytes)
+        self._ended_s = now_s
+        self._start()
+        return has_begun
+
+    def _judge(self, size_bytes: int) -> bool | None:
+        packet_s = max(self._longest_s, self._longest_before_s)
+        if size_bytes < JUDGED_BYTES or not self._first_bytes:
+            return None
+        if self._other_bytes >= self._first_bytes:
+            came_for_s = (self._last_s - self._first_s) * self._first_bytes / self._other_bytes
+        elif self._is_awaited:
+            came_for_s = packet_s
+        else:
+            return None
+        idle_s = self._first_s - self._ended_s - came_for_s
+        if idle_s > PAUSE * packet_s:
+            return False
+        return True if idle_s < NO_PAUSE * packet_s else None
 
 
 def open_mjpeg(address: str, open_timeout_s: float, read_timeout_s: float, seen: SeenPictures) -> MjpegStream | None:
