@@ -39,11 +39,9 @@ def test_a_figure_is_told_when_it_changes_and_every_two_seconds_at_most():
     assert {(each.topic, each.retain, each.qos) for _, each in told} == {("figure/nearest/state", True, 1)}
 
 
-def test_a_figure_that_is_no_more_is_forgotten_by_the_broker_and_what_is_kept_is_repeated():
+def test_a_figure_that_is_no_more_is_forgotten_by_the_broker():
     reporter = Reporter(boot_id="boot")
     reporter.opening([], [NEAREST])
-    (message,) = reporter.messages(0.0, lambda: "noon", decided(figures={"nearest": 1.0}))
-    assert reporter.repeat("noon") == (message,)
     assert [(each.topic, each.payload) for each in reporter.reload([], [SIDE])] == [("figure/nearest/state", "")]
 
 

@@ -37,7 +37,7 @@ class Discovered(RecordingMessenger):
     def __init__(self) -> None:
         super().__init__()
         self.announcements: list[Announcement] = []
-        self.is_due = False
+        self.is_due = self.is_forgotten = False
 
     def announce(self, announcement: Announcement) -> None:
         """Keep it."""
@@ -48,13 +48,18 @@ class Discovered(RecordingMessenger):
         is_due, self.is_due = self.is_due, False
         return is_due
 
+    def take_forgotten(self) -> bool:
+        """Return what `is_forgotten` says, once."""
+        is_forgotten, self.is_forgotten = self.is_forgotten, False
+        return is_forgotten
+
 
 class Run:
     """A run of a simulated camera that delivers or not."""
 
-    def __init__(self, folder: Any) -> None:
+    def __init__(self, folder: Any, configuration: str = CONFIGURATION) -> None:
         path = folder / "run.toml"
-        path.write_text(CONFIGURATION)
+        path.write_text(configuration)
         self.loop = Loop(build(load_configuration(path), speed=None))
         self.messenger = self.loop.parts.messenger = Discovered()
 
@@ -97,7 +102,7 @@ def test_the_camera_is_offline_until_its_first_picture_and_while_it_is_silent(ru
 
     run.loop.listeners.append(fail)
     run.for_s(20.0)
-    assert run.on("camera/state") == ["offline", "online", "offline", "online"]
+    assert run.on("camera/state") == ["offline", "online", "offline", "online", "offline"], "at last, the run has ended"
     assert all(each.qos == 1 and each.retain for each in run.messenger.messages if each.topic == "camera/state")
 
 
@@ -108,21 +113,43 @@ def test_a_run_is_announced_with_what_its_messenger_takes(run):
     assert not any(key.startswith("shelve") for key in announced.components)
 
 
-def test_all_states_are_published_again_when_they_are_due(run):
-    def ask(record: Any, _frame: Any) -> None:
-        if not self_asked and record.observation.now_s > 6.2:
-            self_asked.append(len(run.messenger.messages))
-            run.messenger.is_due = True
+OWN = """
+[messenger]
+driver = "simulated"
+[[rules.near.escalation]]
+topic = "door/alert"
+text = "{rule}"
+retain = true
+"""
 
-    self_asked: list[int] = []
+
+@pytest.mark.parametrize("is_forgotten", [False, True], ids=["Home Assistant began anew", "the broker forgot all"])
+def test_all_states_are_published_again_when_they_are_due_and_messages_of_one_s_own_when_they_are_forgotten(
+    tmp_path, is_forgotten
+):
+    run = Run(tmp_path, CONFIGURATION + OWN)
+
+    def ask(record: Any, _frame: Any) -> None:
+        if not asked and record.observation.now_s > 6.2:
+            asked.append(len(run.messenger.messages))
+            run.messenger.is_due, run.messenger.is_forgotten = not is_forgotten, is_forgotten
+
+    asked: list[int] = []
     run.loop.listeners.append(ask)
+    run.for_s(6.4)
+    before, after = run.messenger.messages[: asked[0]], run.messenger.messages[asked[0] :]
+    states = {"info", "camera/state", "rule/near/availability", "rule/near/state", "rule/near/settings"}
+    own = {"door/alert"} if is_forgotten else set()
+    assert {each.topic for each in after} == {*states, *own, "target/ball/state", "health"}
+    for topic in states:
+        newest = [each for each in before if each.topic == topic][-1]
+        assert next(each for each in after if each.topic == topic) == newest, "the same state, of the same time"
+
+
+def test_at_the_end_of_a_run_no_state_that_a_broker_keeps_says_that_it_goes_on(run):
     run.for_s(6.5)
-    after = run.messenger.messages[self_asked[0] :]
-    assert [each.topic for each in after][:6] == [
-        "rule/near/state", "rule/near/availability", "rule/near/settings", "target/ball/state",
-        "camera/state", "health",
-    ]  # fmt: skip
-    assert json.loads(after[0].payload)["active"] is True
-    assert after[1].payload == "online"
-    before = [each for each in run.messenger.messages[: self_asked[0]] if each.topic == "rule/near/state"]
-    assert after[0] == before[-1], "the same state, of the same time"
+    assert run.on("camera/state")[-1] == "offline"
+    assert run.on("rule/near/availability")[-1] == "offline"
+    assert json.loads(run.on("rule/near/state")[-2])["active"] is True
+    last = json.loads(run.on("rule/near/state")[-1])
+    assert (last["active"], last["status"], last["reason"]) == (None, "unknown", "the run has ended")

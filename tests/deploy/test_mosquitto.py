@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
@@ -16,7 +15,9 @@ import pytest
 from paho.mqtt.enums import CallbackAPIVersion
 
 from stadimeter.config.plugins import DriverContext
+from stadimeter.messaging.broker_secrets import read_secrets
 from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
+from stadimeter.messaging.mqtt_client import make_client
 from stadimeter.messaging.protocol import RequestMessage
 from stadimeter.testing.rig import ManualClock, eventually
 from support.broker import MosquittoBroker
@@ -32,7 +33,9 @@ def site(request: pytest.FixtureRequest, deploy: Path, tmp_path: Path) -> Iterat
     require("mosquitto", "mosquitto_passwd", "openssl")
     broker = MosquittoBroker(tmp_path)
     site = Site(broker.port, tmp_path, has_certificates=getattr(request, "param", "") == "certificates")
-    shutil.copy(deploy / "mosquitto/stadimeter.acl", tmp_path / "stadimeter.acl")
+    acl = (deploy / "mosquitto/stadimeter.acl").read_text()
+    device = acl[acl.index("user garage") : acl.index("# Operators")]
+    (tmp_path / "stadimeter.acl").write_text(acl + device.replace("garage", "attic"))
     if site.has_certificates:
         make = [deploy / "mosquitto/make-certificates", tmp_path / "stadimeter", "127.0.0.1", *USERS]
         subprocess.run(make, check=True, timeout=120)
@@ -179,6 +182,29 @@ def test_a_reader_hears_alarms_and_no_pictures_and_gives_no_commands(connect):
     eventually(lambda: garage.heard)
     assert reader.heard[0] == ("stadimeter/garage/event/alarm", b"raised")
     assert garage.heard == [("stadimeter/garage/retained/garage/0", b"[]")]
+
+
+def test_neither_a_reader_nor_an_operator_is_a_device(connect):
+    operator, reader, garage = connect("homeassistant"), connect("dashboard"), connect("garage")
+    operator.listen("#")
+    for client, user in ((reader, "dashboard"), (operator, "homeassistant")):
+        client.publish(f"homeassistant/device/stadimeter_{user}/config", "a device that is none")
+        client.publish(f"stadimeter/{user}/rule/near/state", "an alarm of a device that is none")
+    garage.publish("stadimeter/garage/event/alarm", "real")
+    assert operator.got.wait(120)
+    assert operator.heard == [("stadimeter/garage/event/alarm", b"real")]
+
+
+def test_no_one_guesses_the_client_id_by_which_a_broker_would_end_a_device_s_connection(tmp_path):
+    def client_id(password: str, node: str = "garage") -> bytes:
+        (tmp_path / "password").write_text(password)
+        table = {"host": "127.0.0.1", "node": node, "username": node, "password_file": str(tmp_path / "password")}
+        options = MqttOptions.model_validate(table)
+        return make_client(options, read_secrets(options), mqtt.MQTTv5, 1.0)._client_id
+
+    assert client_id(PASSWORD) == client_id(PASSWORD), "else its session would not be found again"
+    assert len({client_id(PASSWORD), client_id("another"), client_id(PASSWORD, "attic")}) == 3
+    assert re.fullmatch(rb"stadimeter-garage-[0-9a-f]{12}", client_id(PASSWORD))
 
 
 @pytest.mark.parametrize("site", ["passwords", pytest.param("certificates", marks=pytest.mark.long)], indirect=True)

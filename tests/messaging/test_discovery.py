@@ -149,10 +149,24 @@ def test_a_birth_that_the_broker_has_kept_is_none(broker, make_messenger, listen
 def test_a_broker_that_forgot_all_gets_all_again(broker, make_messenger, listen):
     messenger = ran(make_messenger(broker.port), announcement("near"))
     listen(broker.port).wait_for(CONFIG)
+    assert not messenger.take_forgotten()
     broker.stop()
     broker.start()
     eventually(messenger.take_states_due)
     listen(broker.port).wait_for(CONFIG)
+    eventually(messenger.take_forgotten)
+
+
+@pytest.mark.long
+def test_a_broker_that_remembers_is_not_sent_messages_of_one_s_own_again(broker, make_messenger, lay_tunnel, listen):
+    tunnel = lay_tunnel(broker.port)
+    messenger = ran(make_messenger(tunnel.port), announcement("near"))
+    listen(broker.port).wait_for("stadimeter/it/retained/it/0")
+    tunnel.cut()
+    tunnel.mend()
+    eventually(messenger.take_states_due)
+    eventually(lambda: not messenger._link.retained.is_reading and messenger._link.retained._list.is_read)
+    assert not messenger.take_forgotten()
 
 
 def test_it_is_announced_where_the_list_cannot_be_read_either(broker, make_messenger, listen):

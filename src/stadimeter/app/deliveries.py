@@ -64,6 +64,12 @@ class Deliveries:
         if message.payload:
             self._by_topic[message.topic] = (at_s, message)
 
+    def kept(self, *, is_everything: bool) -> list[Message]:
+        """Return the newest message of each topic that a broker keeps: states, or the user's own messages too."""
+        newest = (message for _, message in self._by_topic.values())
+        lasting = (each for each in newest if each.retain and each.expires_s is None)
+        return [each for each in lasting if is_everything or is_state(each)]
+
     def link(self) -> dict[str, Any] | None:
         """Return where the messenger publishes and how it is, for people who watch; None if there is no messenger.
 

@@ -18,14 +18,9 @@ def figure_topics(figures: Iterable[RememberedFigure]) -> frozenset[str]:
 
 
 class FigureReports:
-    """Decides when a figure is published. Values are in the SI unit, rounded to three decimals; null if not known.
-
-    Attributes:
-        newest: What was published last of each figure, by name.
-    """
+    """Decides when a figure is published. Values are in the SI unit, rounded to three decimals; null if not known."""
 
     def __init__(self) -> None:
-        self.newest: dict[str, Message] = {}
         self._told: dict[str, tuple[float, float | None]] = {}
 
     def messages(
@@ -38,5 +33,4 @@ class FigureReports:
             if rounded != told and now_s - told_s >= INTERVAL_S:
                 self._told[name] = now_s, rounded
                 payload = json.dumps({"v": 1, "ts": wall_clock(), "value": rounded}, separators=(",", ":"))
-                self.newest[name] = Message(topic=f"figure/{name}/state", payload=payload, qos=1, retain=True)
-                yield self.newest[name]
+                yield Message(topic=f"figure/{name}/state", payload=payload, qos=1, retain=True)

@@ -56,16 +56,19 @@ class HealthReports(Struct):
         is_online = age_s is not None and age_s < SILENT_S
         if is_online is not self._was_online:
             self._was_online = is_online
-            payload = "online" if is_online else "offline"
-            messages.append(Message(topic=CAMERA, payload=payload, qos=1, retain=True))
+            messages.append(_camera(is_online=is_online))
         if self.history.record is not None and now_s - self._told_at_s >= INTERVAL_S:
             self._told_at_s = now_s
             messages.append(self._health(wall_clock()))
         return messages
 
     def repeat(self) -> None:
-        """Publish all with the next call."""
-        self._told_at_s, self._was_online = -math.inf, None
+        """Publish it with the next call."""
+        self._told_at_s = -math.inf
+
+    def last_messages(self) -> tuple[Message, ...]:
+        """Return, for the end of a run, that the camera delivers no more."""
+        return (_camera(is_online=False),) if self._was_online else ()
 
     def _health(self, wall_clock: str) -> Message:
         health = live_health(self.history, self.board, "", self.trouble())
@@ -75,6 +78,10 @@ class HealthReports(Struct):
         }
         figures = {"v": FORM, "ts": wall_clock, "version": stadimeter.__version__, **_figures(health), **waiting}
         return Message(topic=HEALTH, payload=msgspec.json.encode(figures).decode())
+
+
+def _camera(*, is_online: bool) -> Message:
+    return Message(topic=CAMERA, payload="online" if is_online else "offline", qos=1, retain=True)
 
 
 def _figures(health: LiveHealth) -> dict[str, object]:

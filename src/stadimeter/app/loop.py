@@ -197,6 +197,7 @@ class Loop:
                     self.services.memory.keep(self._state)
                 self.deliveries.closing()
             self._publish(self.parts.clock.now_s(), self.reporter.last_messages(_wall_clock()))
+            self._publish(self.parts.clock.now_s(), self._health.last_messages())
 
     def stop(self, why: str) -> None:
         """Stop every output at once, and end the run after this cycle, soon. May be called from a signal handler.
@@ -342,9 +343,12 @@ class Loop:
         messenger: object = self.parts.messenger
         self._publish(now_s, self.reporter.messages(now_s, _wall_clock, record.decision, record.mark))
         self._publish(now_s, self.reporter.poses.messages(now_s, _wall_clock, record.observation.camera_pose))
-        if isinstance(messenger, Discoverable) and messenger.take_states_due():
-            self._publish(now_s, self.reporter.repeat(_wall_clock()))
-            self._health.repeat()
+        if isinstance(messenger, Discoverable):
+            is_forgotten = messenger.take_forgotten()
+            if messenger.take_states_due() or is_forgotten:
+                self._publish(now_s, self.deliveries.kept(is_everything=is_forgotten))
+                self._publish(now_s, self.reporter.repeat(_wall_clock()))
+                self._health.repeat()
         if messenger is not None:
             self._publish(now_s, self._health.messages(now_s, _wall_clock))
         plan = self.parts.configuration.plan

@@ -151,14 +151,16 @@ class Reporter:
         )
 
     def repeat(self, wall_clock: str) -> tuple[Message, ...]:
-        """Return the states again, for those who may have lost them."""
-        rules = [message for reports in self._rules.values() for message in (*reports.newest, *reports.newest_settings)]
-        rules += self._figures.newest.values()
-        return (*rules, *(message for reports in self._targets.values() for message in reports.repeat(wall_clock)))
+        """Return what a broker keeps for a while only, for those who may have lost it: the states of targets."""
+        return tuple(message for reports in self._targets.values() for message in reports.repeat(wall_clock))
 
     def last_messages(self, wall_clock: str) -> tuple[Message, ...]:
-        """Return, for the end of a run, the state of every target whose newest figures were held back."""
-        return tuple(message for reports in self._targets.values() for message in reports.last_messages(wall_clock))
+        """Return, for the end of a run, the newest state of every target, and that no rule is judged any more."""
+        targets = (message for reports in self._targets.values() for message in reports.last_messages(wall_clock))
+        rules = (
+            message for name, reports in self._rules.items() for message in reports.last_messages(name, wall_clock)
+        )
+        return (*targets, *rules)
 
 
 class _TargetReports:
@@ -221,14 +223,13 @@ class _RuleReports:
     """Decides when the state of one rule is published: not when its reason alone changes, as its figures often do."""
 
     def __init__(self) -> None:
-        self.newest: tuple[Message, ...] = ()
         self._newest: Mapping[str, Any] = {}
         self._told: Mapping[str, Any] | None = None
         self._told_at_s = -math.inf
         self._is_data_lost = False
         self._since = ""
         self._set_as: tuple[AlarmRule, bool] | None = None
-        self.newest_settings: tuple[Message, ...] = ()
+        self._settings: Message | None = None
 
     @property
     def is_held_back(self) -> bool:
@@ -259,26 +260,37 @@ class _RuleReports:
         state = self._told = self._newest
         self._told_at_s = now_s
         is_known = state["active"] is not None
+        messages = [self._state_message(trace.rule, wall_clock, state, reason)]
+        if is_known is not was_known:
+            messages.insert(1 if is_known else 0, _availability(trace.rule, is_known=is_known))
+        return messages
+
+    def last_messages(self, rule: str, wall_clock: str) -> list[Message]:
+        """Return that it is not judged any more; nothing if that was published already."""
+        if self._told is None or self._told["active"] is None:
+            return []
+        unknown = {**self._newest, "active": None, "status": RuleStatus.UNKNOWN.value}
+        self._since, self._told = wall_clock, unknown
+        state = self._state_message(rule, wall_clock, unknown, "the run has ended")
+        return [_availability(rule, is_known=False), state]
+
+    def _state_message(self, rule: str, wall_clock: str, state: Mapping[str, Any], reason: str) -> Message:
         payload = {"v": FORM, "ts": wall_clock, **state, "since": self._since, "reason": reason}
-        messages = [_message(f"rule/{trace.rule}/state", payload, qos=1, retain=True)]
-        both = [*messages]
-        both.insert(1 if is_known else 0, _availability(trace.rule, is_known=is_known))
-        self.newest = tuple(both)
-        return messages if is_known is was_known else both
+        return _message(f"rule/{rule}/state", payload, qos=1, retain=True)
 
     def settings(self, rule: str, reasons: Mapping[str, str]) -> list[Message]:
         """Return what can be set of an alarm, as a message, if that has changed. The same rule is set as before."""
         found = reasons.record_of(rule) if isinstance(reasons, Reasons) else None
         if found is None:
-            self._set_as, self.newest_settings = None, ()
+            self._set_as = self._settings = None
             return []
         alarm, record = found
         is_out, was = record.inhibits.is_out_of_service, self._set_as
         if was is not None and was[0] is alarm and was[1] is is_out:
             return []
-        before, self._set_as = self.newest_settings, (alarm, is_out)
-        self.newest_settings = (_message(f"rule/{rule}/settings", _settings(alarm, record), qos=1, retain=True),)
-        return [] if before == self.newest_settings else [*self.newest_settings]
+        before, self._set_as = self._settings, (alarm, is_out)
+        self._settings = _message(f"rule/{rule}/settings", _settings(alarm, record), qos=1, retain=True)
+        return [] if before == self._settings else [self._settings]
 
 
 def _settings(rule: AlarmRule, record: AlarmRecord) -> dict[str, Any]:

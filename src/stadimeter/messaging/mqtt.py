@@ -218,6 +218,10 @@ class PahoMessenger:
         """Return, once each time, whether states are to be published again; see `Discoverable`."""
         return self._link is not None and self._link.retained.take_states_due()
 
+    def take_forgotten(self) -> bool:
+        """Return, once each time, whether the broker has forgotten what it kept; see `Discoverable`."""
+        return self._link is not None and self._link.retained.take_forgotten()
+
     def trouble(self) -> str:
         """Return in words what is wrong with the connection, or an empty string if it stands."""
         return self._link.trouble() if self._link else f"the messenger for {self._options.place} is not open"

@@ -236,10 +236,16 @@ class ListeningClient(Client):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Secrets:
-    """The password and the trusted certificates, read when a messenger opens; None for no login or no encryption."""
+    """The password and the trusted certificates, read when a messenger opens; None for no login or no encryption.
+
+    Attributes:
+        client_suffix: The end of the client id. A broker ends a connection when another begins with its client id,
+            whoever that is: so only who knows the secret can guess it.
+    """
 
     password: str | None = field(default=None, repr=False)
     tls: ssl.SSLContext | None = None
+    client_suffix: str = field(default="", repr=False)
 
 
 def make_client(
@@ -258,7 +264,7 @@ def make_client(
     is_v5 = version == MQTTProtocolVersion.MQTTv5
     client = kind(
         CallbackAPIVersion.VERSION2,
-        client_id=options.client_id,
+        client_id=f"{options.client_id}{secrets.client_suffix}",
         # A session of 3.1.1 never ends. We subscribe anew each time, so there is nothing to keep in it.
         clean_session=None if is_v5 else True,
         protocol=version,

@@ -253,7 +253,13 @@ class RetainedList:
         self._topics: frozenset[str] | None = None
         self._announcement: Announcement | None = None
         self._pages: dict[int, str] = {}
+        self._has_written = False
         self.is_read = False
+
+    @property
+    def is_forgotten(self) -> bool:
+        """Whether this run wrote pages, and none is heard: the broker has forgotten all that it kept."""
+        return self._has_written and not self._pages
 
     @property
     def is_wanted(self) -> bool:
@@ -303,6 +309,7 @@ class RetainedList:
         before, self._pages = self._pages, dict(enumerate(_paged(listed, self._room_bytes)))
         for number in sorted(before.keys() | self._pages.keys()):
             page = self._pages.get(number, "")
+            self._has_written = self._has_written or bool(page)
             if page != before.get(number):
                 yield Message(topic=f"{self._topic}/{number}", payload=page, qos=1, retain=True)
 

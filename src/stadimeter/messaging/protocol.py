@@ -135,6 +135,9 @@ class Discoverable(Protocol):
     def take_states_due(self) -> bool:
         """Return, once each time, whether Home Assistant or the broker began anew, so that it may know no states."""
 
+    def take_forgotten(self) -> bool:
+        """Return, once each time, whether the broker has forgotten what it kept of this run, its own messages too."""
+
 
 @runtime_checkable
 class ReachesItsPeer(Protocol):

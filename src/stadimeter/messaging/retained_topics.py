@@ -26,7 +26,7 @@ BIRTH_SPREAD_S = 5.0
 class RetainedTopics:
     """Reads the list of retained topics, has cleared what is gone, and announces this node to Home Assistant.
 
-    `retain_only`, `announce` and `take_states_due` may be called in any thread, all else in the link's.
+    `retain_only`, `announce` and what is taken may be called in any thread, all else in the link's.
 
     Attributes:
         is_reading: Whether pages of the list may still come.
@@ -43,7 +43,7 @@ class RetainedTopics:
         self._subscription: int | None = None
         self._birth_due_s = math.inf
         self._was_connected = False
-        self._are_states_due = False
+        self._are_states_due = self._is_forgotten = False
 
     def retain_only(self, topics: frozenset[str]) -> None:
         """Take on which topics messages are published for the broker to keep; see `RetainedList`."""
@@ -66,6 +66,11 @@ class RetainedTopics:
             return False
         self._are_states_due = False
         return True
+
+    def take_forgotten(self) -> bool:
+        """Return, once each time, whether the list that this run had written is not there any more."""
+        is_forgotten, self._is_forgotten = self._is_forgotten, False
+        return is_forgotten
 
     def begin_over(self, client: Client, events: LinkEvents) -> None:
         """Begin anew over a connection, unless an oversized packet came that way before."""
@@ -107,6 +112,7 @@ class RetainedTopics:
             if not is_over:
                 return
             self.is_reading = False
+            self._is_forgotten = self._is_forgotten or self._list.is_forgotten
             self._send(self._list.finish())
         client.unsubscribe(self._topic)
 
