@@ -69,7 +69,7 @@ def test_a_newcomer_mends_a_rule_that_fired_wrongly(browser: Any, here: Served, 
         newcomer.click_moment(began_s + STAYED_S)
         newcomer.click("button", "Should have fired")
         newcomer.click("button", "Save with its test")
-        shown(page, "1 of them passed")
+        shown(page, "Saved, with 1 test that passes.")
         newcomer.click("button", "Reload the run")
         page.get_by_text("Done").wait_for()
     assert newcomer.clicks <= CLICKS_MAX

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from stadimeter.config.loader import load_configuration
-from stadimeter.errors import ConfigError
+from stadimeter.errors import ChangedMeanwhileError, ConfigError
 from stadimeter.workbench.rule_tests.running import run_rule_test
 from stadimeter.workbench.saving import versions
 from stadimeter.workbench.server.operations import Desk, find_operation
@@ -52,9 +52,9 @@ def test_a_dragged_threshold_says_how_many_alarms_come_and_go(desk: Desk) -> Non
 
 @pytest.mark.long
 def test_the_change_is_saved_with_a_test_that_fails_without_it(desk: Desk) -> None:
-    changes = ask(desk, "teach", marks=[BY, STAYED])["changes"]
-    saved = ask(desk, "save", changes=changes, marks=[BY, STAYED])
-    assert [each["ok"] for each in saved["tests"]] == [True]
+    taught = ask(desk, "teach", marks=[BY, STAYED])
+    saved = ask(desk, "save", changes=taught["changes"], marks=[BY, STAYED], base_version=taught["version"])
+    assert len(saved["tests"]) == 1
     text = desk.configuration.read_text()
     (former,) = versions(desk.configuration)[:1]
     assert (former.folder / "stadimeter.toml").read_text() == CONFIGURATION
@@ -63,6 +63,45 @@ def test_the_change_is_saved_with_a_test_that_fails_without_it(desk: Desk) -> No
     unchanged = CONFIGURATION + text[text.index("\n[[tests]]") :]
     before = load_configuration(desk.configuration, texts={desk.configuration: unchanged})
     assert not run_rule_test(before, before.tests[0]).passed
+
+
+def journals(desk: Desk) -> set[Path]:
+    return set((desk.configuration.parent / "tests").glob("*"))
+
+
+@pytest.mark.long
+def test_what_another_has_saved_meanwhile_is_not_overwritten(desk: Desk) -> None:
+    seen, before = ask(desk, "what_if", changes={"below": 0.8}), journals(desk)
+    theirs = CONFIGURATION + "# by another\n"
+    desk.configuration.write_text(theirs)
+    for version in (seen["version"], ""):
+        with pytest.raises(ChangedMeanwhileError, match="was changed by another since you read it; nothing was saved"):
+            ask(desk, "save", changes={"below": 0.8}, base_version=version)
+    assert desk.configuration.read_text() == theirs
+    assert journals(desk) == before
+
+
+@pytest.mark.long
+def test_marks_that_are_not_met_are_not_saved_as_a_test_that_fails(desk: Desk) -> None:
+    version, before = ask(desk, "what_if", changes={"below": 0.8})["version"], journals(desk)
+    with pytest.raises(
+        ConfigError, match=f"nothing was saved, for with these settings this would fail: evening.mcap@{STAYED_S:g}s"
+    ):
+        ask(desk, "save", changes={"below": 0.01}, marks=[STAYED], base_version=version)
+    assert desk.configuration.read_text() == CONFIGURATION
+    assert journals(desk) == before
+
+
+@pytest.mark.long
+def test_a_change_after_which_a_test_would_fail_that_passes_is_refused(desk: Desk) -> None:
+    hover = "{ hover = { at = '90 cm', for = '20 s' } }"
+    text = f"{CONFIGURATION}\n[[tests]]\nname = 'at 90 cm'\ninput = {hover}\nexpect.near.raised = 1\n"
+    desk.configuration.write_text(text)
+    version, before = ask(desk, "what_if", changes={"below": 0.8})["version"], journals(desk)
+    with pytest.raises(ConfigError, match="this would fail: at 90 cm"):
+        ask(desk, "save", changes={"below": 0.8}, base_version=version)
+    assert desk.configuration.read_text() == text
+    assert journals(desk) == before
 
 
 @pytest.mark.long

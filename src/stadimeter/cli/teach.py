@@ -15,6 +15,7 @@ from stadimeter.cli.progress import working
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.core.words import figure_in_words
+from stadimeter.errors import ChangedMeanwhileError
 from stadimeter.workbench.rule_settings import alarm_named, settings_of
 from stadimeter.workbench.saving import save_files
 from stadimeter.workbench.server.teaching import answer_fields
@@ -141,5 +142,12 @@ def _tell(
 def _save(lesson: Lesson, rule: str, values: Mapping[str, float | str], marks: Sequence[FiringMark]) -> None:
     place = lesson.configuration.path
     text, tests = lesson.write(rule, values, marks)
-    _, kept = save_files(place.parent, {place.name: text})
+    _, kept = save_files(place.parent, {place.name: text}, lambda: _refuse_if_changed(lesson))
     typer.echo(f"Saved {place}, with {len(tests)} test{'' if len(tests) == 1 else 's'}; what was there is in {kept}.")
+
+
+def _refuse_if_changed(lesson: Lesson) -> None:
+    place = lesson.configuration.path
+    if (theirs := read_untrusted_text(place, CONFIGURATION_MAX_BYTES)) != lesson.text:
+        words = f"{place} was changed by another since it was read; nothing was saved: teach it again"
+        raise ChangedMeanwhileError(words, theirs, [])

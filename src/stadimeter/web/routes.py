@@ -195,7 +195,7 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
     ),
     _desk(
         "POST", "rules/{rule}/taught", "teaching.save", "Save other settings of an alarm, with a rule test",
-        body={"changes": "number{}", "marks": "text[]", "at_s": "number[]"}, wait_s=LONG_WAIT_S,
+        body={"changes": "number{}", "marks": "text[]", "at_s": "number[]", "base_version": "text"}, wait_s=LONG_WAIT_S,
     ),
     _desk("GET", "recordings", "recordings.recordings", "The recordings", right=Right.READ, answer="Recordings"),
     _run("recordings", "record", "Begin or end a recording", body={"do": "start|stop"}),

@@ -159,11 +159,12 @@ def _save(desk: Desk, files: Mapping[str, str], base_version: str) -> dict[str, 
     place = desk.configuration
     check_is_not_ours(place)
     needs = _find_need(desk, files)
-    _, kept = save_files(place.parent, files, lambda: _refuse_if_changed(desk, base_version, files[place.name]))
+    _, kept = save_files(place.parent, files, lambda: refuse_if_changed(desk, base_version, files[place.name]))
     return {"version": version_of(files[place.name]), "kept": kept.name if kept else None, "needs": needs}
 
 
-def _refuse_if_changed(desk: Desk, base_version: str, ours: str) -> None:
+def refuse_if_changed(desk: Desk, base_version: str, ours: str) -> None:
+    """Raise `ChangedMeanwhileError` if another has saved since a version, and not the same text."""
     theirs = saved_text(desk)
     if version_of(theirs) == base_version or theirs == ours:
         return

@@ -10,7 +10,7 @@ from typing import Any
 from stadimeter.app.control.last_recording import FOLDER as LAST
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.replay.what_if import KeptRecording
-from stadimeter.workbench.rule_settings import alarm_named, settings_of
+from stadimeter.workbench.rule_settings import alarm_named, settings_of, with_settings
 from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.operations import Desk, operation
 from stadimeter.workbench.server.recordings import ENDINGS, about, began_unix_s
@@ -61,17 +61,19 @@ def save(
     changes: dict[str, float | str],
     marks: list[str] | None = None,
     at_s: list[float] | None = None,
-    base_version: str | None = None,
+    base_version: str = "",
 ) -> dict[str, Any]:
-    """Save other settings of an alarm, with a rule test that holds the marks, or else what comes and goes."""
+    """Save other settings of an alarm, with rule tests that hold the marks, or else what comes and goes.
+
+    Args:
+        base_version: The version of the configuration that the answer of `what_if` or `teach` was about.
+    """
     lesson = lesson_of(desk, at_s or [])
+    ours = with_settings(lesson.configuration, lesson.text, rule, changes)
+    editing.refuse_if_changed(desk, base_version, ours)
     lesson.go_on(math.inf)
     text, tests = lesson.write(rule, changes, [parse_mark(each) for each in marks or ()])
-    saved = editing.save(desk, text, None, editing.version_of(lesson.text) if base_version is None else base_version)
-    return {
-        **saved,
-        "tests": [each for each in editing.check(desk, text, tests=True)["tests"] if each["name"] in tests],
-    }
+    return {**editing.save(desk, text, None, base_version), "tests": tests}
 
 
 def lesson_of(desk: Desk, moments_s: Sequence[float]) -> Lesson:
@@ -132,6 +134,7 @@ def answer_fields(lesson: Lesson, rule: str, answers: Sequence[Answer]) -> dict[
     _, alarm = alarm_named(lesson.configuration, rule)
     settings = settings_of(lesson.configuration, rule)
     return {
+        "version": editing.version_of(lesson.text),
         "settings": {key: {"value": each.value, "unit": each.unit} for key, each in settings.items()},
         "words": in_words(alarm.name, answers),
         "recordings": [

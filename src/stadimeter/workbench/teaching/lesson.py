@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from stadimeter.workbench.replay.lanes import ReplaySide
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.replay.what_if import KEPT_CYCLES_MAX, KeptRecording
 from stadimeter.workbench.rule_settings import alarm_named, with_settings
+from stadimeter.workbench.rule_tests.running import run_rule_test
 from stadimeter.workbench.teaching.marks import MOMENT_S, Firing, FiringMark, is_met
 from stadimeter.workbench.teaching.search import SettingSearch, Taught, Values
 from stadimeter.workbench.teaching.signal import signal_of
@@ -149,18 +150,46 @@ class Lesson:
     def write(self, rule: str, values: Mapping[str, float | str], marks: Sequence[FiringMark]) -> tuple[str, list[str]]:
         """Return the text with other settings of a rule and tests that hold marks, and the names of these.
 
-        What the tests need is cut out of the recordings. Without marks they hold what the change adds and takes away.
+        What the tests need is cut out of the recordings. Without marks they hold what the change adds and takes away;
+        such a test that fails, since what it was cut out of is missing, is left out.
+
+        Raises:
+            ConfigError: The text cannot be used, marks are not met, or a test that passes would fail. Nothing is left.
         """
         name = alarm_named(self.configuration, rule)[1].name
-        text, names = with_settings(self.configuration, self.text, rule, values).rstrip("\n") + "\n", list[str]()
-        for each in self.answer(self.load(rule, values).plan):
-            here = self.whole(name, [mark for mark in marks if mark.recording == each.name])
-            if here := here or ([] if marks else list(changes_as_marks(name, each))):
-                added, journal = write_test(name, each, here, self.configuration.path.parent)
-                text, names = text + added, [*names, journal]
+        folder = self.configuration.path.parent
+        text = with_settings(self.configuration, self.text, rule, values).rstrip("\n") + "\n"
+        written: dict[str, str] = {}
+        wrong = list[str]()
+        try:
+            for each in self.answer(self.load(rule, values).plan):
+                mine = [mark for mark in marks if mark.recording == each.name]
+                here = self.whole(name, mine) or ([] if marks else list(changes_as_marks(name, each)))
+                firings = each.after.rules[name].spans
+                wrong += [f"{each.name}@{mark.from_s:g}s" for mark in mine if not is_met(mark, firings, marks)]
+                if here:
+                    added, test = write_test(name, each, here, folder)
+                    written[test] = added
+            failing = self._failing(text + "".join(written.values()))
+        except BaseException:
+            _delete_journals(name, written, folder)
+            raise
+        if wrong := [*wrong, *(test for test in failing if marks or test not in written)]:
+            _delete_journals(name, written, folder)
+            words = f"nothing was saved, for with these settings this would fail: {', '.join(wrong)}"
+            raise ConfigError([Problem(words, str(self.configuration.path), key="tests")])
+        _delete_journals(name, failing, folder)
+        passing = {test: added for test, added in written.items() if test not in failing}
+        return text + "".join(passing.values()), list(passing)
+
+    def _failing(self, text: str) -> list[str]:
+        """Return which tests of a text fail that do not fail already; what cannot be used is an error."""
         path = self.configuration.path
-        load_configuration(path, texts={path: text})  # what cannot be used is not given out to be saved
-        return text, names
+        found = load_configuration(path, texts={path: text})
+        failing = [each.name for each in found.tests if not run_rule_test(found, each).passed]
+        before = (each for each in self.configuration.tests if each.name in failing)
+        failed = {each.name for each in before if not run_rule_test(self.configuration, each).passed}
+        return [name for name in failing if name not in failed]
 
     def whole(self, rule: str, marks: Sequence[FiringMark]) -> list[FiringMark]:
         """Return marks, those on a moment that should not have fired as one on all of the alarm that stood there."""
@@ -226,9 +255,18 @@ def write_test(rule: str, answer: Answer, marks: Sequence[FiringMark], folder: P
     writer.close()
     inside = [(begin - first_s, end - first_s) for begin, end in firings if first_s <= begin <= end_s]
     moved = [replace(mark, from_s=mark.from_s - first_s, to_s=mark.to_s - first_s) for mark in marks]
-    test = f"{rule} as taught: {stem}"
+    test = _test_name(rule, stem)
     heading = f"\n[[tests]]\nname = {json.dumps(test)}\ninput = {{ journal = {json.dumps(name)} }}\n"
     return heading + "\n".join([*_expected(rule, inside, moved), ""]), test
+
+
+def _delete_journals(rule: str, tests: Iterable[str], folder: Path) -> None:
+    for each in tests:
+        (folder / f"tests/{each.removeprefix(_test_name(rule, ''))}.jsonl").unlink(missing_ok=True)
+
+
+def _test_name(rule: str, stem: str) -> str:
+    return f"{rule} as taught: {stem}"
 
 
 def _is_created(path: Path) -> bool:

@@ -163,6 +163,7 @@ export class Teaching {
       this.#known = found.recordings;
       if (found.changes) this.changes = found.changes;
       this.settings = found.settings;
+      this.version = found.version;
       const changed = Object.entries(this.changes).map(
         ([key, value]) => `${key.replaceAll("_", " ")} ${Number(value.toPrecision(4))} ${this.settings[key].unit}`,
       );
@@ -179,9 +180,14 @@ export class Teaching {
 
   async #save() {
     try {
-      const saved = await this.#post("taught", { changes: this.changes, marks: this.#texts() });
-      const [count, passed] = [saved.tests.length, saved.tests.filter(({ ok }) => ok).length];
-      write(this.words, `Saved, with ${count} ${count === 1 ? "test" : "tests"}, ${passed} of them passed.`);
+      const saved = await this.#post("taught", {
+        changes: this.changes,
+        marks: this.#texts(),
+        base_version: this.version,
+      });
+      const count = saved.tests.length;
+      const words = count ? `with ${count} ${count === 1 ? "test that passes" : "tests that pass"}` : "without a test";
+      write(this.words, `Saved, ${words}.`);
       Object.assign(this, { changes: {}, marks: [] });
       this.keep.disabled = true;
       this.#showMarks();
