@@ -11,7 +11,8 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.app import freeze, leased_output
-from stadimeter.bases import pan_servo, serial_base
+from stadimeter.bases import pan_servo, serial_base, waveshare_ugv
+from stadimeter.bases.differential_drive import WheelSpeeds
 from stadimeter.config.loader import load_configuration
 from stadimeter.core import decide, outputs, safety
 from stadimeter.core.plan import Tracking
@@ -111,6 +112,57 @@ def test_a_run_that_arms_itself_again_is_found(monkeypatch: pytest.MonkeyPatch) 
     assert found is not None
     assert found.violation is not None
     assert "without being armed again" in found.violation.words
+
+
+def send_no_time_out(patch: pytest.MonkeyPatch) -> None:
+    make = waveshare_ugv.WaveshareUgvCodec.__init__
+
+    def make_silent(codec: Any, auto_stop_s: float) -> None:
+        make(codec, auto_stop_s)
+        codec.opening = tuple(each for each in codec.opening if b'"T":136' not in each)
+
+    patch.setattr(waveshare_ugv.WaveshareUgvCodec, "__init__", make_silent)
+
+
+def spoil_wheels(patch: pytest.MonkeyPatch, spoil: Callable[[float, float], tuple[float, float]]) -> None:
+    """Have other wheel speeds sent than those that are told to have been applied."""
+    encode = waveshare_ugv.WaveshareUgvCodec.encode
+
+    def encode_wrong(codec: Any, wheels: WheelSpeeds) -> Any:
+        left_mps, right_mps = spoil(wheels.left_mps, wheels.right_mps)
+        wrong = encode(codec, WheelSpeeds(left_mps=left_mps, right_mps=right_mps))
+        return replace(wrong, sent=encode(codec, wheels).sent)
+
+    patch.setattr(waveshare_ugv.WaveshareUgvCodec, "encode", encode_wrong)
+
+
+def double_the_speed_backwards(patch: pytest.MonkeyPatch) -> None:
+    spoil_wheels(patch, lambda left_mps, right_mps: (min(left_mps, 2 * left_mps), min(right_mps, 2 * right_mps)))
+
+
+def turn_one_wheel_the_wrong_way(patch: pytest.MonkeyPatch) -> None:
+    spoil_wheels(patch, lambda left_mps, right_mps: (left_mps, -right_mps))
+
+
+@pytest.mark.parametrize(
+    ("plant", "fault", "words"),
+    [
+        (send_no_time_out, "cut-cable", "the wheels still turn"),
+        (double_the_speed_backwards, "", "wheel turns at -"),
+        (turn_one_wheel_the_wrong_way, "", "the right wheel turns at"),
+    ],
+)
+def test_a_defect_of_a_driver_that_says_what_is_right_is_found_by_what_the_base_does(
+    plant: Plant, fault: str, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_robot("waveshare-ugv")
+    assert proven(1, fault or "hide-target").counter_example is None
+    plant(monkeypatch)
+    found = proven(1, fault or "hide-target").counter_example
+    assert found is not None
+    assert found.violation is not None
+    assert words in found.violation.words
+    assert [planned.fault for planned in found.sequence] == ([fault] if fault else [])
 
 
 @pytest.mark.long

@@ -51,9 +51,11 @@ class EmulatedFirmware:
         battery_v: The voltage that it reports.
         left, right: The wheels.
         served_every_s: How often the board looks at its line.
+        takes_timeout: Whether a command sets the time-out; else it is built in.
     """
 
     served_every_s: ClassVar[float] = SERVED_EVERY_S
+    takes_timeout: ClassVar[bool] = False
 
     def __init__(self, started_s: float = 0.0, ticks_per_metre: float = 4000.0) -> None:
         self.silent = False

@@ -22,6 +22,8 @@ _LEADING_INTEGER = re.compile(rb"\s*([+-]?\d+)")
 class OpenBotFirmware(EmulatedFirmware):
     """The firmware, as a function of bytes and time."""
 
+    takes_timeout: ClassVar = True
+
     def __init__(self, started_s: float = 0.0, ticks_per_metre: float = 4000.0) -> None:
         super().__init__(started_s, ticks_per_metre)
         self._message = b""

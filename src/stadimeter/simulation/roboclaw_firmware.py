@@ -40,6 +40,8 @@ def crc16(data: bytes) -> int:
 class RoboclawFirmware(EmulatedFirmware):
     """The board's program, as a function of bytes and time. Its first motor drives the left wheel."""
 
+    takes_timeout: ClassVar = True
+
     def __init__(self, started_s: float = 0.0, ticks_per_metre: float = 4000.0) -> None:
         super().__init__(started_s, ticks_per_metre)
         self.address = 0x80

@@ -22,6 +22,8 @@ TRACK_WIDTH_M = 0.172  # of a UGV Rover
 class WaveshareUgvFirmware(EmulatedFirmware):
     """The firmware, as a function of bytes and time."""
 
+    takes_timeout: ClassVar = True
+
     def __init__(self, started_s: float = 0.0, ticks_per_metre: float = 4000.0) -> None:
         super().__init__(started_s, ticks_per_metre)
         self._fed_s = started_s

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, cast
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -25,6 +25,9 @@ from stadimeter.workbench.rule_tests.inputs import SyntheticTrack, sensor_models
 
 # The target is this much too far away, or the most of it at which it is found; and a little to the right.
 _AHEAD_M = (1.5, 1.0, 0.5, 0.2)
+
+# It is this much nearer, and not below half its distance, in the trial without a fault: the base backs up.
+_NEAR_M = (-0.8, -0.5, -0.2)
 _BEARING_RAD = 0.05
 
 # For a base that only turns it is so far off that a search turns at once, to both sides and up and down in turn, lest
@@ -48,12 +51,13 @@ class StagedConfiguration(Struct, frozen=True, kw_only=True):
         configuration: With a staged camera, the emulated base, and simulated drivers for everything else.
         base: The base, emulated.
         port: The name of its emulated port; empty for a base without one.
-        sketch_stops_s: The time-out that the configuration says the base's own program has; None where opening the
-            base sets it, or nothing is said.
+        sketch_stops_s: The time-out that the configuration says the base's own program has; None where a command sets
+            it, so that the emulator has its own until then, or nothing is said.
         safe_lines: What the watchdog process does to make the base safe; empty where it can do nothing.
         watchdog_s: How old the data may grow on which the base acts, before it kills a program that hangs.
         seen: What measures each target in a picture that shows the followed one, and no other.
         hidden: What does in a picture that shows none.
+        near: What does where the followed one is so near that the base backs up; empty for one that never does.
     """
 
     configuration: Configuration
@@ -65,10 +69,11 @@ class StagedConfiguration(Struct, frozen=True, kw_only=True):
     watchdog_s: float
     seen: tuple[SyntheticTrack, ...]
     hidden: tuple[SyntheticTrack, ...]
+    near: tuple[SyntheticTrack, ...]
 
     def alphabet(self) -> tuple[str, ...]:
         """Return the faults that this configuration can suffer."""
-        firmware = getattr(load_driver(plugins.PORTS, self.port), "firmware", None) if self.port else None
+        firmware = _firmware(self.port)
         impossible: frozenset[str] = frozenset()
         if self.configuration.messenger is None:
             impossible |= {"lose-broker"}
@@ -106,13 +111,18 @@ def stage(configuration: Configuration) -> StagedConfiguration:
         configuration=replace(configuration, drivers=drivers, button_tables={}),
         base=base,
         port=port,
-        sketch_stops_s=_sketch_time_out_s(base),
+        sketch_stops_s=_sketch_time_out_s(base, port),
         limits=_limits(configuration, base, follow),
         safe_lines=tuple(safe_lines(configuration.base)) if not configuration.base.is_simulated else (),
         watchdog_s=limit_s(configuration),
         seen=_tracks(configuration, follow, follow.target, sways=base.options.only_turns),
         hidden=_tracks(configuration, follow, ""),
+        near=_tracks(configuration, follow, follow.target, ahead_m=_NEAR_M) if _backs_up(base, follow) else (),
     )
+
+
+def _backs_up(base: DriverChoice, follow: FollowRule) -> bool:
+    return follow.reverse_max_mps > 0 and not base.options.only_turns
 
 
 def _unfit(configuration: Configuration, key: str, message: str, hint: str = "") -> ConfigError:
@@ -148,12 +158,17 @@ def _robot(base: Any) -> dict[str, Any]:
 
 
 def _tracks(
-    configuration: Configuration, follow: FollowRule, shown: str, *, sways: bool = False
+    configuration: Configuration,
+    follow: FollowRule,
+    shown: str,
+    *,
+    sways: bool = False,
+    ahead_m: Sequence[float] = _AHEAD_M,
 ) -> tuple[SyntheticTrack, ...]:
     """Return what measures each target, of which one shows: always as far ahead, as if it led the robot on."""
     sensors = sensor_models(configuration)
-    places = [follow.distance_m + each for each in _AHEAD_M]
-    distance_m = next(filter(sensors[follow.target].is_found, places), places[-1])
+    places_m = [max(0.5 * follow.distance_m, follow.distance_m + each) for each in ahead_m]
+    distance_m = next(filter(sensors[follow.target].is_found, places_m), places_m[-1])
     path = [PathPoint(at_s=0.0, distance_m=distance_m, bearing_rad=_BEARING_RAD)]
     if sways:
         path = list(_swaying(distance_m))
@@ -188,6 +203,7 @@ def _limits(configuration: Configuration, base: DriverChoice, follow: FollowRule
         fastest=output.angular_max_radps
         if is_turned
         else min(commanded_mps, getattr(base.options, "max_wheel_speed", commanded_mps)),
+        half_track_m=None if is_turned else half_track_m,
         cruise=min(follow.angular_max_radps, output.angular_max_radps) if is_turned else cruise_mps,
         linear_mps=output.linear_max_mps,
         angular_radps=output.angular_max_radps,
@@ -206,10 +222,14 @@ def _own_time_out_s(base: DriverChoice) -> float:
     return float(getattr(base.options, "auto_stop", 0.0) or math.inf)
 
 
-def _sketch_time_out_s(base: DriverChoice) -> float | None:
-    """Return the time-out of a base whose driver only says it: what is sent at opening is the same for any."""
-    options: Any = base.options
-    if "auto_stop" not in type(options).model_fields or not hasattr(options, "codec"):
+def _firmware(port: str) -> Any:
+    """Return the emulated firmware behind a port; None for a board without, and for a base without a port."""
+    return getattr(load_driver(plugins.PORTS, port), "firmware", None) if port else None
+
+
+def _sketch_time_out_s(base: DriverChoice, port: str) -> float | None:
+    """Return the time-out that only the configuration knows, since the program of the board has it built in."""
+    firmware, options = _firmware(port), cast("Any", base.options)
+    if firmware is None or firmware.takes_timeout or "auto_stop" not in type(options).model_fields:
         return None
-    longer = options.model_copy(update={"auto_stop": 2 * options.auto_stop + 0.1})
-    return options.auto_stop or math.inf if options.codec().opening == longer.codec().opening else None
+    return float(options.auto_stop or math.inf)

@@ -132,7 +132,9 @@ class _Trial:
         camera = parts.capture._camera  # noqa: SLF001 - it was built by its options
         camera.stage = self._stage
         parts.capture = parts.cycle.capture = StagedCapture(camera, self.clock)
-        parts.cycle.perceiver = StagedEye(self._stage, staged.seen, staged.hidden)
+        parts.cycle.perceiver = StagedEye(
+            self._stage, staged.seen if sequence else staged.near or staged.seen, staged.hidden
+        )
         if staged.limits.needs_arming:
             self._has_armed = False
             hand = SimpleNamespace(open=bool, close=bool, trouble=str, commands=self._arm_once)

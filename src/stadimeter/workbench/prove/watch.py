@@ -25,6 +25,7 @@ tenth of a second, since a servo goes in steps from pulse to pulse. During a sea
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator
 
 from msgspec import Struct, field
@@ -52,6 +53,9 @@ WITHOUT_TIME_OUT_S = 0.5
 # Wheels may be this much faster than commanded: commands are rounded to whole encoder ticks.
 SPEED_TOLERANCE = 1.1
 
+# After this long a wheel has forgotten the command before: seven times the time constant of wheels that coast.
+FORGOTTEN_S = 1.0
+
 # A gap between frames is asked to be noticed if it is this much longer than the age that is allowed.
 GAP_MARGIN_S = 0.1
 
@@ -65,6 +69,7 @@ class MotionLimits(Struct, frozen=True, kw_only=True):
         beyond_s: After this long without a command the base stops by itself; infinite for never.
         parts: What is watched: ``wheels``, whose speeds are in m/s, or ``servos``, whose rates are in rad/s.
         fastest: Largest speed of one of them.
+        half_track_m: Half the distance between the wheels; None for a base without.
         cruise: How fast the rule moves them at most.
         gap_s: Frames further apart than this are not in a row.
         good_frames: How many frames in a row are needed before anything moves.
@@ -78,6 +83,7 @@ class MotionLimits(Struct, frozen=True, kw_only=True):
     beyond_s: float
     parts: str
     fastest: float
+    half_track_m: float | None
     cruise: float
     linear_mps: float
     angular_radps: float
@@ -134,6 +140,7 @@ class MotionWatch(Struct):
     _hears_s: float = -math.inf
     _unplugged_s: float = -math.inf
     _plugged_s: float = -math.inf
+    _commanded: deque[tuple[float, tuple[float, float]]] = field(default_factory=deque)
 
     def note_fresh_frame(self, taken_s: float, looked_s: float, *, shows_target: bool) -> None:
         """Take in that the loop has looked at a new picture with a sound stamp, and when it began to."""
@@ -194,6 +201,7 @@ class MotionWatch(Struct):
         if fastest > limit * SPEED_TOLERANCE:
             part = self.limits.parts.removesuffix("s")
             self._violate(now_s, f"a {part} turns at {fastest:.2f} {unit}, limit {limit:.2f} {unit}")
+        self._judge_commanded(now_s, speeds)
         if fastest > STANDING_SHARE * limit:
             self.turned_s = now_s
         frames = (self._fresh_s + self.limits.stale_s, self._fresh_s, "frames")
@@ -205,6 +213,24 @@ class MotionWatch(Struct):
             self._judge(now_s, abs(sum(speeds)) / 2 if self.limits.parts == "wheels" else abs(speeds[1]), target)
         else:
             self._judge(now_s, fastest, min(frames, target, end))
+
+    def _judge_commanded(self, now_s: float, speeds: tuple[float, float]) -> None:
+        """Judge which way each wheel turns and how fast: between standing and what it was commanded lately.
+
+        A base that may not have heard every command as it was sent goes by others.
+        """
+        while len(self._commanded) > 1 and self._commanded[0][0] < now_s - FORGOTTEN_S:
+            self._commanded.popleft()
+        heard_s = max(self._hears_s, self._unplugged_s) + FORGOTTEN_S
+        if self.limits.half_track_m is None or self._is_noisy or self._deaf_s is not None or now_s < heard_s:
+            return
+        slack_mps = STANDING_SHARE * self.limits.fastest
+        for wheel, speed_mps in enumerate(speeds):
+            commanded = [0.0, *(each[wheel] for _, each in self._commanded)]
+            low_mps, high_mps = min(commanded), max(commanded)
+            if not low_mps * SPEED_TOLERANCE - slack_mps <= speed_mps <= high_mps * SPEED_TOLERANCE + slack_mps:
+                between = f"commanded were {low_mps:.2f} to {high_mps:.2f} m/s"
+                self._violate(now_s, f"the {('left', 'right')[wheel]} wheel turns at {speed_mps:.2f} m/s, {between}")
 
     def _judge(self, now_s: float, speed: float, due: _Due) -> None:
         """Judge a speed by a reason to stand: from when on wheels must stand for it, and since when that counts."""
@@ -243,11 +269,15 @@ class MotionWatch(Struct):
 
     def see_cycle(self, record: CycleRecord) -> None:
         """Judge the commands of a cycle."""
+        now_s = record.observation.now_s
+        for each in record.applied:
+            if isinstance(each, TwistCommand) and self.limits.half_track_m is not None:
+                offset_mps = each.angular_radps * self.limits.half_track_m
+                self._commanded.append((now_s, (each.linear_mps - offset_mps, each.linear_mps + offset_mps)))
         moved = [each for each in record.applied if isinstance(each, TwistCommand) and each.moves]
         if not moved:
             self.moved_since_s = math.inf
             return
-        now_s = record.observation.now_s
         self.moved_since_s = min(self.moved_since_s, now_s)
         for words in self._why_not_to_move(now_s, record.decision.safety, moved[0]):
             self._violate(now_s, f"the base is moved {words}")
