@@ -190,6 +190,7 @@ def object_rig() -> DetectorRig:
         cut_off=drawn((100, 300, 240)),
         two=drawn(near, far),
         both=(known(*near), known(*far)),
+        takes_nearest=True,
     )
 
 

@@ -97,6 +97,7 @@ class DetectorRig(Struct, frozen=True, kw_only=True, eq=False):
         two: A frame with two targets alike, both whole; None for a detector that only knows of one.
         both: The targets in that.
         reads_images: False for a simulated detector, whose answer does not follow from the image.
+        takes_nearest: Whether of several the nearest counts, whichever was expected.
     """
 
     detector: Detector
@@ -108,6 +109,7 @@ class DetectorRig(Struct, frozen=True, kw_only=True, eq=False):
     two: Frame | None = None
     both: Sequence[KnownTarget] = ()
     reads_images: bool = True
+    takes_nearest: bool = False
 
     def detect(self, frame: Frame, prediction: Prediction | None = None) -> Detection:
         """Detect as a run does: with the lens at the frame's resolution; without one if the aspect is another."""
@@ -185,9 +187,11 @@ class DetectorContract(Contract):
 
     @pytest.mark.parametrize("expected", [0, 1], ids=["first", "second"])
     def test_of_two_targets_alike_the_expected_one_is_taken(self, rig: DetectorRig, expected: int) -> None:
-        """A track stays with its target while another one is in view."""
+        """A track stays with its target while another one is in view, unless that is nearer and the nearest counts."""
         frame, known = _two(rig), rig.both[expected]
         found = rig.detect(frame, known.prediction)
+        if rig.takes_nearest:
+            known = min(rig.both, key=lambda each: each.distance_m)
         rig.check_distance(found, frame, known)
         apart_px = math.dist(found.centre_px, known.centre_px)
         assert apart_px < known.size_px / 2, f"the other one was taken, {apart_px:.0f} px away"
