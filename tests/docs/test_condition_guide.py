@@ -71,7 +71,7 @@ def test_the_condition_of_the_guide_passes_its_tests(sources):
 def test_the_condition_of_the_guide_can_be_written_and_is_described(sources):
     done = run(sources, "-m", "stadimeter", "check", "dim.toml")
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "the standard deviation of `ball` is above 0.05 m" in " ".join(done.stdout.split())
+    assert "the standard deviation of `ball` is above 50 mm" in " ".join(done.stdout.split())
 
 
 @pytest.mark.long
