@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from stadimeter.core.conditions.compounds import depends_on
 from stadimeter.core.plan import BaseOutput, Plan
-from stadimeter.core.rule import AlarmRule, AnyRule, RampRule, ReportRule, conditions_of, gate_of
+from stadimeter.core.rule import AlarmRule, AnyRule, RampRule, conditions_of, gate_of
 from stadimeter.operator_actions import OperatorAction
 
 # They end what a rule does, and begin nothing.
@@ -25,14 +25,15 @@ def could_let_act(plan: Plan, action: OperatorAction, rule: str = "") -> tuple[s
     """
     if action.is_on_outputs:
         return ("every output",) if action.lets_outputs_act else ()
-    chosen = [each for each in plan.rules if rule in {"", each.name} and not isinstance(each, ReportRule)]
-    return tuple(each.name for each in chosen if _could_let_act(plan, action, each))
+    moving = _moving_rules(plan)
+    chosen = (moving[each.name] for each in plan.rules if rule in {"", each.name} and each.name in moving)
+    return tuple(each.name for each in chosen if not (action in _QUIETING and _is_quieted(plan, moving, each)))
 
 
-def moving_rules(plan: Plan, outputs: set[str]) -> dict[str, AnyRule]:
-    """Return the rules that move one of these outputs, and those that they depend on, by name."""
+def _moving_rules(plan: Plan) -> dict[str, AnyRule]:
+    """Return the rules that drive an output, and those that they depend on, by name."""
     by_name = {rule.name: rule for rule in plan.rules}
-    waiting = [rule for rule in plan.rules if not outputs.isdisjoint(_outputs(rule))]
+    waiting = [rule for rule in plan.rules if _outputs(rule)]
     found: dict[str, AnyRule] = {}
     while waiting:
         rule = waiting.pop()
@@ -42,14 +43,12 @@ def moving_rules(plan: Plan, outputs: set[str]) -> dict[str, AnyRule]:
     return found
 
 
-def _could_let_act(plan: Plan, action: OperatorAction, rule: AnyRule) -> bool:
-    moving = moving_rules(plan, {each.name for each in plan.outputs})
-    if rule.name not in moving:
-        return False
+def _is_quieted(plan: Plan, moving: dict[str, AnyRule], rule: AnyRule) -> bool:
+    """Return whether to quiet a rule lets nothing act: it alone drives its actuators, and steadily."""
     others = [each for each in moving.values() if each.name != rule.name]
     moved = {each.name for each in plan.outputs if isinstance(each, BaseOutput)}.union(*map(_outputs, others))
     is_alone = moved.isdisjoint(_outputs(rule)) and not any(rule.name in _asked_for(each) for each in others)
-    return not (action in _QUIETING and is_alone and _is_steady(rule))
+    return is_alone and _is_steady(rule)
 
 
 def _outputs(rule: AnyRule) -> set[str]:
