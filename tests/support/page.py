@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import http.client
 import json
+import queue
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -99,20 +100,21 @@ def served_page(
     page = Page(options, listener.getsockname()[:2])
     server = server_of(page)
 
-    loops: list[asyncio.AbstractEventLoop] = []
+    loops: queue.SimpleQueue[asyncio.AbstractEventLoop] = queue.SimpleQueue()
 
     async def serve() -> None:
-        loops.append(asyncio.get_running_loop())
+        loops.put(asyncio.get_running_loop())
         await server.serve(sockets=[listener])
         await page.close()
 
     thread = threading.Thread(target=asyncio.run, args=(serve(),))
     thread.start()
+    loop = loops.get()  # a test that asks nothing may end before the thread has begun
     try:
         yield ServedPage(page, listener.getsockname()[1])
     finally:
         server.should_exit = True
-        loops[0].call_soon_threadsafe(page.end)
+        loop.call_soon_threadsafe(page.end)
         thread.join()
 
 
