@@ -15,8 +15,9 @@ from stadimeter.core.camera_model import CameraModel
 from support.command_line import Typed, typed
 
 KEYS = [
-    "file", "target", "status", "distance_m", "depth_m", "sigma_m", "bearing_rad", "elevation_rad", "tilt_rad",
-    "ambiguity", "reason", "x_m", "y_m", "z_m", "bearing_sigma_rad", "elevation_sigma_rad", "id", "frame", "time_s",
+    "file", "target", "status", "perhaps", "distance_m", "depth_m", "sigma_m", "bearing_rad", "elevation_rad",
+    "tilt_rad", "ambiguity", "reason", "x_m", "y_m", "z_m", "bearing_sigma_rad", "elevation_sigma_rad", "outline_px",
+    "id", "frame", "time_s",
 ]  # fmt: skip
 SHEET = ("--sheet", "11in,8.5in")
 BALL = ("--ball", "10cm", "--hsv", "170,100,60:10,255,255")

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import json
 import math
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
 
-from stadimeter.cli.measure_output import explanation, explanation_record
+from stadimeter.cli.formatting import FOOT, METRE
+from stadimeter.cli.measure_output import Printer, explanation, explanation_record, marks_of
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.ranging.measure import SigmaParts
-from stadimeter.workbench.measuring import TargetResult
+from stadimeter.workbench.measuring import PictureResult, TargetResult
 
 DOOR = RejectedCandidate(centre_px=(120.4, 340.0), size_px=88.2, reason="edge scatters by 2.1 px, limit 1.0 px")
 LAMP = RejectedCandidate(centre_px=(9.0, 8.0), size_px=7.0, reason="7.0 px wide, limit 12 px")
@@ -69,6 +71,25 @@ def test_a_target_that_was_found_is_explained_line_by_line() -> None:
         "    rejected    9  88 px at 120, 340  edge scatters by 2.1 px, limit 1.0 px",
         "               10  7 px at 9, 8       7.0 px wide, limit 12 px",
     ]
+
+
+def test_what_is_perhaps_the_target_has_its_distance_and_the_doubt_in_one_line(capsys: Any) -> None:
+    doubted = result(replace(MEASURED, status=MeasurementStatus.PERHAPS, reason="a pale rim"))
+    doubted = replace(doubted, detection=replace(FOUND, status=DetectionStatus.PERHAPS, reason="a pale rim"))
+    printer = Printer(as_json=False, explain=False, unit=FOOT, file_width=5, target_width=5)
+    printer.result(doubted)
+    assert capsys.readouterr().out == "a.png  paper  perhaps 6.56 ft ± 0.08  2.00 m ± 0.03: a pale rim\n"
+    (mark,) = marks_of(PictureResult(file="a.png", frame=None, targets=(doubted,)), METRE)
+    assert mark.headline == "paper: perhaps 2.00 m ± 0.03"
+    assert mark.lines[-1] == "perhaps: a pale rim"
+
+
+def test_json_has_the_outline_and_says_what_is_only_perhaps_the_target() -> None:
+    assert result().record()["perhaps"] is False
+    record = result(replace(MEASURED, status=MeasurementStatus.PERHAPS)).record()
+    assert (record["status"], record["perhaps"]) == ("measured", True)
+    assert record["outline_px"] == [[210.0, 155.0], [429.0, 155.0], [429.0, 324.0], [210.0, 324.0]]
+    assert json.loads(json.dumps(not_found().record()))["outline_px"] == []
 
 
 def test_a_tilt_that_may_as_well_be_the_other_way_is_said() -> None:

@@ -3,7 +3,9 @@
 import math
 
 import pytest
+from msgspec.structs import replace
 
+from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.core.plan import Plan, Tracking
 from stadimeter.core.track import TrackStatus
 from stadimeter.core.tracking.life_cycle import new_track, step
@@ -95,8 +97,6 @@ def test_a_frame_that_comes_twice_tells_nothing_new():
 
 
 def test_what_no_filter_can_reduce_stays_in_the_standard_deviation():
-    from msgspec.structs import replace
-
     state = new_track("ball")
     for index in range(100):
         at_s = 0.1 * (index + 1)
@@ -105,6 +105,54 @@ def test_what_no_filter_can_reduce_stays_in_the_standard_deviation():
     assert state.track.sigma_m >= math.sqrt(0.05**2 - 0.01**2)
     assert state.track.noise_m < 0.01
     assert state.track.sigma_m == pytest.approx(math.hypot(state.track.noise_m, math.sqrt(0.05**2 - 0.01**2)), rel=1e-6)
+
+
+def perhaps(at_s, distance_m):
+    """Return a measurement of what may be another thing."""
+    return replace(measured("ball", at_s, distance_m), status=MeasurementStatus.PERHAPS, reason="a pale rim")
+
+
+def follow_perhaps(*sights_m, state=None, start_s=0.0):
+    state = state or new_track("ball")
+    for index, sight_m in enumerate(sights_m):
+        at_s = start_s + 0.1 * (index + 1)
+        state = step(state, perhaps(at_s, sight_m), at_s, SETTINGS)
+    return state
+
+
+def test_what_is_perhaps_the_target_counts_only_when_it_has_been_the_same_thing_in_ten_frames_in_a_row():
+    nine = follow_perhaps(*[2.0] * 9)
+    assert nine.track.status is TrackStatus.SEARCHING
+    assert nine.track.reason == "perhaps seen in 9 of the 10 frames in a row that it takes: a pale rim"
+    assert follow(None, state=nine, start_s=0.9).candidate is None
+    assert follow_perhaps(2.0, state=nine, start_s=0.9).track.status is TrackStatus.TRACKING
+    elsewhere = follow_perhaps(*[2.0] * 5, *[9.0] * 5)
+    assert elsewhere.track.status is TrackStatus.SEARCHING
+
+
+def test_a_target_that_is_surely_seen_counts_as_soon_as_ever_among_frames_with_perhaps():
+    once = follow(2.0, state=follow_perhaps(2.0, 2.0), start_s=0.2)
+    assert once.track.status is TrackStatus.SEARCHING
+    assert follow(2.0, state=once, start_s=0.3).track.status is TrackStatus.TRACKING
+
+
+def test_two_that_contradict_each_other_and_a_third_between_are_no_fast_target_if_one_is_only_perhaps_there():
+    assert follow(2.0, 4.0, 6.0).track.status is TrackStatus.TRACKING
+    assert follow(6.0, state=follow_perhaps(2.0, 4.0), start_s=0.2).track.status is TrackStatus.SEARCHING
+
+
+def test_a_target_that_is_followed_goes_on_where_it_is_perhaps_seen_and_says_why():
+    state = follow_perhaps(2.0, 2.0, state=follow(2.0, 2.0), start_s=0.2)
+    assert state.track.status is TrackStatus.TRACKING
+    assert state.track.reason == "a pale rim"
+
+
+def test_what_is_perhaps_the_target_and_elsewhere_never_takes_a_track_over():
+    state = follow_perhaps(*[7.0] * 3, state=follow(2.0, 2.0), start_s=0.2)
+    assert state.track.status is TrackStatus.COASTING
+    assert state.track.distance_m == pytest.approx(2.0, abs=0.05)
+    lost = follow_perhaps(7.0, state=state, start_s=0.5)
+    assert lost.track.status is TrackStatus.LOST
 
 
 def test_it_is_known_since_when_a_target_has_been_in_sight_or_out_of_it():

@@ -38,6 +38,14 @@ def test_the_worked_example(seen_sheet: Seen) -> None:
     assert later.distance_m / INCH_M == pytest.approx(35.0, abs=0.05)
 
 
+def test_what_is_perhaps_the_target_calibrates_only_when_a_person_says_that_it_is(seen_sheet: Seen) -> None:
+    seen = replace(seen_sheet(248, 190, MIDDLE), status=DetectionStatus.PERHAPS, reason="a pale rim")
+    with pytest.raises(CalibrationError, match=r"a\.png: a pale rim"):
+        calibrate([_known(seen, 24 * INCH_M)], date="2026-01-31")
+    made = calibrate([_known(seen, 24 * INCH_M, is_confirmed=True)], date="2026-01-31")
+    assert made.camera_model.fx_px == pytest.approx(541.09, abs=0.01)
+
+
 def test_the_model_has_square_pixels_and_the_axis_in_the_middle_and_says_where_it_comes_from(seen_sheet: Seen) -> None:
     model = calibrate([_known(seen_sheet(248, 190, MIDDLE), 24 * INCH_M)], date="2026-01-31").camera_model
     assert (model.width_px, model.height_px, model.cx_px, model.cy_px) == (640, 480, *MIDDLE)

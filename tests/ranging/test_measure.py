@@ -50,6 +50,12 @@ def test_a_sheet_facing_the_camera_is_where_it_appears(
     assert measured.depth_m <= measured.distance_m
 
 
+def test_what_is_perhaps_the_target_has_its_figures_and_the_doubt(camera: CameraModel, seen_sheet: Seen) -> None:
+    sure = measure(seen_sheet(110, 85, (319.5, 239.5)), LETTER, camera, 0.0)
+    seen = replace(seen_sheet(110, 85, (319.5, 239.5)), status=DetectionStatus.PERHAPS, reason="a pale rim")
+    assert measure(seen, LETTER, camera, 0.0) == replace(sure, status=MeasurementStatus.PERHAPS, reason="a pale rim")
+
+
 def test_bearings_are_positive_to_the_right_and_elevations_upwards(camera: CameraModel, seen_sheet: Seen) -> None:
     right_and_up = measure(seen_sheet(110, 85, (619.5, 39.5)), LETTER, camera, 0.0)
     assert right_and_up.bearing_rad == pytest.approx(math.atan(0.5))

@@ -22,6 +22,7 @@ from stadimeter.cli.known_pictures import (
     AtOption,
     DistanceErrorOption,
     MaybePicturesAtDistances,
+    PerhapsOption,
     PicturesAtDistances,
     ToneCurveOption,
     calibrate_live,
@@ -60,6 +61,7 @@ def distance(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The camera file to write.")],
     distance_error: DistanceErrorOption = 1.0,
     tone_curve: ToneCurveOption = "srgb",
+    perhaps: PerhapsOption = False,
 ) -> None:
     """Calibrate a camera from pictures of a target at known distances.
 
@@ -68,6 +70,9 @@ def distance(
     camera looks; in the middle of the picture that is the straight line. One picture is enough; several, at different
     distances, are better: how far they differ shows how sure the focal length is, and from near and far ones the edge
     bias is found as well, by how much every edge is seen too far out.
+
+    What is only perhaps the target calibrates nothing: look at it with `stadimeter measure --annotate`, and give
+    --perhaps if it is the target.
 
     Pictures of a raw or scientific camera, whose values are in proportion to light, need --tone-curve linear, which the
     camera file then holds. Through the wrong curve each edge is off by some tenths of a pixel.
@@ -96,6 +101,8 @@ def distance(
             raise ConfigError("give pictures at known distances, or --live for a camera, one of the two")
         if at and not live:
             raise ConfigError("--at says where to put the target before a camera; give --live with it")
+        if perhaps and live:
+            raise ConfigError("--perhaps says that a picture was looked at; before a camera move nearer, or add light")
         wanted = targets_from_options(target)
         if live:
             if not output.parent.is_dir():  # known before the person walks to and fro, not after it
@@ -105,7 +112,9 @@ def distance(
             )
             all_found = True
         else:
-            made, all_found = _from_pictures(pictures or [], wanted, distance_error / 100, tone_curve)
+            made, all_found = _from_pictures(
+                pictures or [], wanted, distance_error / 100, tone_curve, takes_perhaps=perhaps
+            )
         replaced = output.exists()
         save_camera_model(output, made.camera_model)
         _tell(made, wanted.unit)
@@ -114,10 +123,15 @@ def distance(
 
 
 def _from_pictures(
-    pictures: Sequence[str], wanted: WantedTargets, distance_relative_sigma: float, tone_curve: ToneCurve
+    pictures: Sequence[str],
+    wanted: WantedTargets,
+    distance_relative_sigma: float,
+    tone_curve: ToneCurve,
+    *,
+    takes_perhaps: bool,
 ) -> tuple[Calibration, bool]:
     """Calibrate; return the calibration, and whether it comes from all pictures."""
-    known = look_at(pictures, wanted, None)
+    known = look_at(pictures, wanted, None, takes_perhaps=takes_perhaps)
     if not known.usable:
         _nothing_written()
     fit = fit_distances(
@@ -205,6 +219,7 @@ def check(
     pictures: PicturesAtDistances,
     camera: Annotated[Path, typer.Option("--camera", metavar="FILE", help="The camera file to check.")],
     distance_error: DistanceErrorOption = 1.0,
+    perhaps: PerhapsOption = False,
 ) -> None:
     """Show how wrong a camera file is, from new pictures of a target at known distances.
 
@@ -221,7 +236,7 @@ def check(
     with plain_errors():
         wanted = targets_from_options(target)
         model = load_camera_model(camera)
-        known = look_at(pictures, wanted, model)
+        known = look_at(pictures, wanted, model, takes_perhaps=perhaps)
         if not known.usable:
             typer.echo("error: no picture can be used, so nothing was checked", err=True)
             raise typer.Exit(NOT_FOUND)

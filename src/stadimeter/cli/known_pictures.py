@@ -8,13 +8,13 @@ from typing import Annotated, NoReturn
 
 import typer
 from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.cli.exits import NOT_FOUND, say_note
 from stadimeter.cli.formatting import FOOT, INCH, METRE, LengthUnit, format_distance
 from stadimeter.cli.target_options import WantedTargets, camera_choice, parse_known_length
 from stadimeter.core.camera_model import CameraModel, ToneCurve
-from stadimeter.core.detection import DetectionStatus
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.calibration import Calibration, KnownDistance
 from stadimeter.workbench.calibration.board_session import today
@@ -49,6 +49,11 @@ ToneCurveOption = Annotated[
 ]
 
 
+PerhapsOption = Annotated[
+    bool, typer.Option("--perhaps", help="Take what is perhaps the target, too: you have looked at it.")
+]
+
+
 class KnownPictures(Struct, frozen=True, kw_only=True):
     """Pictures in which the target was found whole, and whether those are all."""
 
@@ -56,8 +61,13 @@ class KnownPictures(Struct, frozen=True, kw_only=True):
     all_usable: bool
 
 
-def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: CameraModel | None) -> KnownPictures:
+def look_at(
+    pictures: Sequence[str], wanted: WantedTargets, camera_model: CameraModel | None, *, takes_perhaps: bool = False
+) -> KnownPictures:
     """Look for the target in ``PATH@DISTANCE`` pictures; say on standard error which cannot be used, and why.
+
+    Args:
+        takes_perhaps: Whether a person says that what is perhaps the target is it.
 
     Raises `StadimeterError` if a distance or a picture is wrong, or the zoom differs.
     """
@@ -67,10 +77,15 @@ def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camera
     for note in (*check_lens_settings(paths), *profile_notes(paths)):
         say_note(note)
     (target,) = build_detectors(wanted.choices, camera_model)
-    known = [look_at_distance(str(path), open_picture(path), depth_m, target, camera_model) for path, depth_m in taken]
-    usable = tuple(each for each in known if each.detection.status is DetectionStatus.FOUND)
+    seen = [look_at_distance(str(path), open_picture(path), depth_m, target, camera_model) for path, depth_m in taken]
+    known = [replace(each, is_confirmed=takes_perhaps) for each in seen]
+    usable = tuple(each for each in known if each.is_usable)
     for each in known:
-        if each.detection.status is not DetectionStatus.FOUND:
+        if each.detection.is_whole and not each.is_usable:
+            x_px, y_px = each.detection.centre_px
+            perhaps = f"at {x_px:.0f}, {y_px:.0f} px is perhaps the target: {each.detection.reason}"
+            typer.echo(f"left out: {each.picture}: {perhaps}; --perhaps takes it", err=True)
+        elif not each.is_usable:
             remedy = remedy_words(each, open_picture(Path(each.picture)), wanted.choices[0], camera_model)
             typer.echo(f"left out: {each.picture}: {each.detection.reason}{remedy}", err=True)
         elif each.detection.reason:

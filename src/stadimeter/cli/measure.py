@@ -63,6 +63,7 @@ MANY_PICTURES = 5
 
 EXIT_CODES = {
     MeasurementStatus.MEASURED: DONE,
+    MeasurementStatus.PERHAPS: NOT_FOUND,  # a script that goes by the exit code acts on nothing that is in doubt
     MeasurementStatus.NOT_FOUND: NOT_FOUND,
     MeasurementStatus.TRUNCATED: NOT_FOUND,
     MeasurementStatus.ERROR: WRONG,
@@ -114,13 +115,15 @@ def measure(
     Prints one line for each picture: the distance, which is the length of the straight line from the camera to the
     target's centre, with its standard deviation; the depth, which is the part of it along the optical axis; and the
     position in the camera's frame: x to the right, y down, z forward. Of a tag it says which one it is. A target that
-    is cut off by the border of the picture has no size, so it has no distance.
+    is cut off by the border of the picture has no size, so it has no distance. What is the best explanation of the
+    picture but may be another thing has one, with "perhaps" before it and the doubt behind it.
 
-    With --json, each line is an object with file, target, status (measured, not_found, truncated or error),
+    With --json, each line is an object with file, target, status (measured, not_found, truncated or error), perhaps,
     distance_m, depth_m, sigma_m, bearing_rad (positive to the right), elevation_rad (positive upwards), tilt_rad (of
     something flat, 0 for face on), ambiguity (0 if the tilt is certain, 1 if it may as well be the other way), reason,
-    x_m, y_m, z_m, bearing_sigma_rad, elevation_sigma_rad, id (of a tag), frame and time_s (of a video or a camera);
-    with a configuration whose camera has a mount, robot_x_m (ahead), robot_y_m (to the left) and robot_z_m (up).
+    x_m, y_m, z_m, bearing_sigma_rad, elevation_sigma_rad, outline_px (corners, or points on the rim), id (of a tag),
+    frame and time_s (of a video or a camera); with a configuration whose camera has a mount, robot_x_m (ahead),
+    robot_y_m (to the left) and robot_z_m (up).
 
     A video, or a camera with --live, gives one line for each frame, with its number and its time in seconds from the
     first one on. A camera goes on until Ctrl-C.
@@ -161,7 +164,7 @@ def measure(
     - `stadimeter measure --stereo stereo.toml left.jpg right.jpg --ball 6.4cm`
 
     **Exit code**: 0 everything was measured, in a video or by a camera in one frame at least; 1 a target was not
-    found, or cut off; 2 an option, a file or a picture is wrong. A bad picture does not stop the others.
+    found, only perhaps, or cut off; 2 an option, a file or a picture is wrong. A bad picture does not stop the others.
     """
     with plain_errors():
         known_at = None if at is None else parse_at(at)

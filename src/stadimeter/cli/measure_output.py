@@ -82,11 +82,13 @@ def _print_error(result: TargetResult) -> bool:
 
 def _in_words(result: TargetResult, unit: LengthUnit) -> str:
     measured = result.measurement
+    in_metres = format_distance(measured.distance_m, measured.sigma_m, METRE)
+    first = "" if unit is METRE else f"{format_distance(measured.distance_m, measured.sigma_m, unit):<15} "
+    if measured.status is MeasurementStatus.PERHAPS:
+        return f"perhaps {first}{in_metres}: {measured.reason}"
     if measured.status is not MeasurementStatus.MEASURED:
         status = "truncated" if measured.status is MeasurementStatus.TRUNCATED else "not found"
         return f"{status}: {measured.reason}"
-    in_metres = format_distance(measured.distance_m, measured.sigma_m, METRE)
-    first = "" if unit is METRE else f"{format_distance(measured.distance_m, measured.sigma_m, unit):<15} "
     depth = format_distance(measured.depth_m, measured.sigma_m, unit)
     position = format_position(measured.position_m, measured.sigma_m, unit)
     bearing, tilt = format_bearing(measured.bearing_rad), format_tilt(measured.tilt_rad)
@@ -271,9 +273,11 @@ def _mark(result: TargetResult, unit: LengthUnit) -> Mark:
     measured = result.measurement
     detection = result.detection or Detection(target=measured.target, status=DetectionStatus.NOT_FOUND)
     name = result.label if len(result.label) <= MAX_NAME else f"{result.label[: MAX_NAME - 2]}.."
-    if measured.status is MeasurementStatus.MEASURED:
+    if measured.status in (MeasurementStatus.MEASURED, MeasurementStatus.PERHAPS):
         words = format_distance(measured.distance_m, measured.sigma_m, unit)
         lines = _legend(result, detection, unit)
+        if measured.status is MeasurementStatus.PERHAPS:
+            words, lines = f"perhaps {words}", (*lines, *textwrap.wrap(f"perhaps: {measured.reason}", WRAPPED_AT))
     else:
         words = _WORDS[measured.status]
         lines = (f"{result.label}: {words}", *textwrap.wrap(measured.reason, WRAPPED_AT))

@@ -31,6 +31,10 @@ class DetectionStatus(StrEnum):
     FOUND = "found"
     TRUNCATED = "truncated"
     """Found, but cut off by the border of the picture, so its size is not known."""
+    PERHAPS = "perhaps"
+    """Whole, and the best explanation of the picture, but so weakly seen that it may be another thing: people are told
+    its distance. It moves and raises nothing until it has been the same thing over several frames (see
+    `stadimeter.core.tracking`), or a person says that it is the target."""
     NOT_FOUND = "not_found"
 
 
@@ -54,8 +58,9 @@ class Detection(Struct, frozen=True, kw_only=True, eq=False):
     """Where one target is in one picture. Pixel coordinates have (0, 0) at the centre of the top left pixel.
 
     Attributes:
-        reason: Why it was not found or is not whole, in words with figures. With a target that was found it is mostly
-            empty; there it is a remark, such as that of several tags in view the largest was taken.
+        reason: Why it was not found or is not whole, or may be another thing, in words with figures. With a target that
+            was found it is mostly empty; there it is a remark, such as that of several tags in view the largest was
+            taken.
         outline_px: Its outline, shape ``(n, 2)``, x and y in pixels: the four corners of a sheet in order around it,
             or points on the limb of a ball. Empty if it was not found.
         centre_px: The centre as x, y; meaningless if it was not found.
@@ -82,6 +87,11 @@ class Detection(Struct, frozen=True, kw_only=True, eq=False):
     rejected: tuple[RejectedCandidate, ...] = ()
     number: int | None = None
     measured_with: CameraModel | None = None
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is seen whole, so that it has a size: found, or perhaps."""
+        return self.status in (DetectionStatus.FOUND, DetectionStatus.PERHAPS)
 
 
 class Prediction(Struct, frozen=True, kw_only=True):

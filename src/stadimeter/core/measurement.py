@@ -12,6 +12,8 @@ class MeasurementStatus(StrEnum):
     """Result of measuring a target in one frame."""
 
     MEASURED = "measured"
+    PERHAPS = "perhaps"
+    """Measured, but it may be another thing; see `stadimeter.core.detection.DetectionStatus`."""
     NOT_FOUND = "not_found"
     TRUNCATED = "truncated"
     ERROR = "error"
@@ -20,7 +22,7 @@ class MeasurementStatus(StrEnum):
 class Measurement(Struct, frozen=True, kw_only=True):
     """The distance to one target in one frame, or why there is none.
 
-    Distances and angles are None unless the status is ``measured``.
+    Distances and angles are None unless the status is ``measured`` or ``perhaps``.
 
     Attributes:
         captured_at_s: When the frame was taken, on the run's monotonic clock.
@@ -34,8 +36,8 @@ class Measurement(Struct, frozen=True, kw_only=True):
         tilt_rad: Of something flat, the angle between its normal and the line of sight, 0 for face on; None for a ball.
         ambiguity: Of something flat, how far it is from certain which of two mirrored poses it has: 0 for certain, 1
             for no idea; None for a ball.
-        reason: Why there is no distance. With one it is mostly empty; there it is a remark, such as that size and
-            floor contradict each other.
+        reason: Why there is no distance, or why it is perhaps that of another thing. With a distance it is mostly
+            empty; there it is a remark, such as that size and floor contradict each other.
         size_share: Its larger extent in the picture, as a share of the picture's width; None for what was not seen in
             one.
     """
@@ -77,6 +79,7 @@ class Sighting(Struct, frozen=True, kw_only=True):
         elevation_rad: The elevation.
         size_share: As in `Measurement`.
         remark: The reason of that.
+        is_perhaps: Whether it may be of another thing.
     """
 
     at_s: float
@@ -88,3 +91,4 @@ class Sighting(Struct, frozen=True, kw_only=True):
     elevation_rad: float
     size_share: float | None = None
     remark: str = ""
+    is_perhaps: bool = False

@@ -165,7 +165,7 @@ class _Scan:
                 self._why[index] = Detection(target=slot.name, status=DetectionStatus.NOT_FOUND, reason=reason)
                 continue
             found = self._detector.detect_near(self._frame, each, lens=self._lens)
-            if found.status is DetectionStatus.FOUND:
+            if found.status is DetectionStatus.FOUND or (slot.is_followed and found.is_whole):
                 self._add(found)
                 nearer.append((slot.name, found.centre_px, _size_px(found) / 2))
             else:

@@ -139,6 +139,12 @@ class KnownDistance(Struct, frozen=True, kw_only=True):
     # Where the target is found with a camera model that has an edge bias of `BIAS_STEP_PX`. What that changes
     # depends on the target, bright or dark, so the detector says it; None if it was not asked.
     less_bias: Detection | None = None
+    is_confirmed: bool = False  # whether a person says that what is perhaps the target is it
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether the target was found whole, or perhaps, and a person says that it is it."""
+        return self.detection.is_whole if self.is_confirmed else self.detection.status is DetectionStatus.FOUND
 
 
 class FocalLength(Struct, frozen=True, kw_only=True):
@@ -251,7 +257,7 @@ def with_readings(made: Calibration, again: Sequence[KnownDistance]) -> Calibrat
 def _pick_usable(known: Sequence[KnownDistance]) -> list[KnownDistance]:
     if not known:
         raise CalibrationError("there is no picture to calibrate from; give at least one at a known distance")
-    found = [each for each in known if each.detection.status is DetectionStatus.FOUND]
+    found = [each for each in known if each.is_usable]
     if not found:
         reasons = "; ".join(f"{each.picture}: {each.detection.reason}" for each in known)
         raise CalibrationError(f"the target was found whole in none of the pictures: {reasons}")
@@ -287,7 +293,7 @@ def focal_estimate(known: KnownDistance, plain: CameraModel, distance_relative_s
 
 def _per_bias(known: KnownDistance, plain: CameraModel, focal_px: float) -> float:
     """Return by how much the focal length is too large for each pixel of edge bias; 0 where that is not known."""
-    if known.less_bias is None or known.less_bias.status is not DetectionStatus.FOUND:
+    if known.less_bias is None or not known.less_bias.is_whole:
         return 0.0
     without_it_px = _focal_px(replace(known, detection=known.less_bias), plain)
     return (focal_px - without_it_px) / BIAS_STEP_PX

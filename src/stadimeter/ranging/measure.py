@@ -13,13 +13,15 @@ from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.target import Reading, TargetShape
 
 _STATUS = {
+    DetectionStatus.FOUND: MeasurementStatus.MEASURED,
+    DetectionStatus.PERHAPS: MeasurementStatus.PERHAPS,
     DetectionStatus.TRUNCATED: MeasurementStatus.TRUNCATED,
     DetectionStatus.NOT_FOUND: MeasurementStatus.NOT_FOUND,
 }
 
 
 def measure(detection: Detection, shape: TargetShape, camera: CameraModel, captured_at_s: float) -> Measurement:
-    """Measure how far away a target is; without figures, and with the detection's reason, unless it was found whole.
+    """Measure how far away a target is; without figures, and with the detection's reason, unless it is seen whole.
 
     The shape works out where the target's centre is in the camera frame; its length is the distance.
 
@@ -31,7 +33,7 @@ def measure(detection: Detection, shape: TargetShape, camera: CameraModel, captu
         camera: The camera model at the picture's resolution.
         captured_at_s: When the picture was taken, on the run's monotonic clock.
     """
-    if detection.status is not DetectionStatus.FOUND:
+    if not detection.is_whole:
         return _without_figures(detection, _STATUS[detection.status], detection.reason, captured_at_s)
     if not (0 < detection.width_px < math.inf and 0 < detection.height_px < math.inf):
         reason = f"the detector reports an apparent size of {detection.width_px:g}x{detection.height_px:g} px"
@@ -60,7 +62,7 @@ def _with_figures(detection: Detection, captured_at_s: float, reading: Reading, 
     straight_m = math.sqrt(x_m * x_m + y_m * y_m + depth_m * depth_m)
     return Measurement(
         target=detection.target,
-        status=MeasurementStatus.MEASURED,
+        status=_STATUS[detection.status],
         captured_at_s=captured_at_s,
         distance_m=straight_m,
         depth_m=depth_m,
@@ -72,6 +74,7 @@ def _with_figures(detection: Detection, captured_at_s: float, reading: Reading, 
         elevation_rad=-math.atan2(y_m, math.hypot(depth_m, x_m)),
         tilt_rad=reading.tilt_rad,
         ambiguity=reading.ambiguity,
+        reason=detection.reason if detection.status is DetectionStatus.PERHAPS else "",
     )
 
 

@@ -45,7 +45,12 @@ GAP, LEADER_FROM, MAX_LABEL_SHARE = 12.0, 2.0, 0.08
 # Beyond this nothing is drawn: OpenCV's drawing counts in whole numbers of 32 bits.
 REACH_MAX_PX = 1e5
 
-_COLOURS = {DetectionStatus.FOUND: GREEN, DetectionStatus.TRUNCATED: ORANGE, DetectionStatus.NOT_FOUND: RED}
+_COLOURS = {
+    DetectionStatus.FOUND: GREEN,
+    DetectionStatus.PERHAPS: ORANGE,
+    DetectionStatus.TRUNCATED: ORANGE,
+    DetectionStatus.NOT_FOUND: RED,
+}
 
 
 class Mark(Struct, frozen=True, kw_only=True, eq=False):

@@ -94,9 +94,10 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
         """Return further lines that explain it, each with its label."""
         return []
 
-    def record(self) -> dict[str, str | float | None]:
+    def record(self) -> dict[str, object]:
         """Return the result as the object that ``--json`` prints: lengths in metres, angles in radians."""
         measured = self.measurement
+        is_perhaps = measured.status is MeasurementStatus.PERHAPS
         x_m, y_m, z_m = measured.position_m or (None, None, None)
         in_robot = {}
         if self.mount is not None:
@@ -106,7 +107,8 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
         return {
             "file": self.file,
             "target": measured.target,
-            "status": measured.status.value,
+            "status": (MeasurementStatus.MEASURED if is_perhaps else measured.status).value,
+            "perhaps": is_perhaps,
             "distance_m": measured.distance_m,
             "depth_m": measured.depth_m,
             "sigma_m": measured.sigma_m,
@@ -120,6 +122,7 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
             "z_m": z_m,
             "bearing_sigma_rad": bearing_sigma_rad,
             "elevation_sigma_rad": elevation_sigma_rad,
+            "outline_px": self.detection.outline_px.round(2).tolist() if self.detection else [],
             "id": self.detection.number if self.detection else None,
             "frame": self.frame,
             "time_s": self.time_s,
@@ -253,7 +256,7 @@ class Measuring:
 
 
 def _edges(detector: Detector, frame: Frame, found: Detection, lens: CameraModel) -> Points:
-    if found.status is DetectionStatus.FOUND and isinstance(detector, ShowsEdges):
+    if found.is_whole and isinstance(detector, ShowsEdges):
         return detector.edge_points(frame, found, lens=lens)
     return no_points()
 

@@ -137,7 +137,7 @@ class PairResult(TargetResult, frozen=True, kw_only=True, eq=False):
             ),
         ]
 
-    def record(self) -> dict[str, str | float | None]:
+    def record(self) -> dict[str, object]:
         """Return the result as the object that ``--json`` prints."""
         names = ("distance_m", "sigma_m", "size_m", "size_sigma_m", "miss_px", "miss_sigma_px", "disagreement")
         keys = ("triangulated_m", "triangulated_sigma_m", "by_size_m", "by_size_sigma_m", *names[4:])

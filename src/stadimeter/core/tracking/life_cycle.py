@@ -6,7 +6,8 @@
                                  ▲            measured again ◀────┘                        │
                                  └────────────────────── confirmed again ──────────────────┘
 
-A new target must be measured in some frames in a row before it counts, so that one false detection moves nothing. An
+A new target must be measured in some frames in a row before it counts, so that one false detection moves nothing; in
+more of them where it is only perhaps the target. An
 outlier is refused like a frame without the target. Three in a row that agree with each other mean that the target
 really jumped, and so do more that do not: the track starts anew. How noisy the target is, is learnt on the way.
 """
@@ -25,7 +26,7 @@ from stadimeter.core.tracking import motion, noise_level
 from stadimeter.core.tracking.motion import Innovation, MotionState
 from stadimeter.core.tracking.noise_level import NoiseEstimate
 from stadimeter.core.tracking.settings import Tracking
-from stadimeter.core.tracking.sighting import TentativeTrack, extend_tentative, sighting_of
+from stadimeter.core.tracking.sighting import PERHAPS_FRAMES, TentativeTrack, extend_tentative, sighting_of
 
 # A target that keeps its speed has a probability of the constant-velocity model above this.
 MIN_CONSTANT_VELOCITY_SHARE = 0.5
@@ -145,9 +146,13 @@ def _miss(state: TrackState, measurement: Measurement, settings: Tracking) -> Tr
 def _consider(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackState:
     """Take in a sighting of a target that is not confirmed."""
     found = extend_tentative(state.candidate, sighting, _noise_m(state, sighting, settings), settings)
-    if found.frames >= settings.confirm_frames:
+    if found.is_confirmed(settings.confirm_frames):
         return _begin(state, found, settings)
-    reason = f"seen in {found.frames} of the {settings.confirm_frames} frames in a row that it takes"
+    if sighting.is_perhaps:
+        takes = max(settings.confirm_frames, PERHAPS_FRAMES)
+        reason = f"perhaps seen in {found.frames} of the {takes} frames in a row that it takes: {sighting.remark}"
+    else:
+        reason = f"seen in {found.frames} of the {settings.confirm_frames} frames in a row that it takes"
     track = replace(state.track, reason=reason)
     return replace(state, track=track, filter_at_s=sighting.at_s, candidate=found)
 
@@ -163,6 +168,8 @@ def _follow(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackS
     # `sigmas` is the smallest of the three models: what any of them explains is no outlier.
     is_outlier = innovation.sigmas > settings.gate_sigmas
     if is_outlier or _may_be_feigned(state, moved, sighting, innovation, settings):
+        if sighting.is_perhaps:  # what may be another thing, and is elsewhere, is another thing
+            return _coast(state, moved, sighting.at_s, settings, sighting.remark)
         return _refuse(replace(state, noise=noise), moved, sighting, innovation, settings)
     known = motion.update(moved, noise_m, innovation)
     return TrackState(

@@ -25,12 +25,16 @@ MAX_SPEED_MPS = 40.0
 # The frames that agree when a third is on the line through two.
 ON_A_LINE = 3
 
+# In so many frames in a row what is perhaps the target must be the same thing before it counts: a third of a second of
+# most cameras. What stands still for as long and looks like the target is taken for it.
+PERHAPS_FRAMES = 10
+
 
 def sighting_of(measurement: Measurement) -> Sighting | None:
     """Return the figures of a measurement; None if the target was not measured or a figure makes no sense."""
     distance_m, depth_m, sigma_m = measurement.distance_m, measurement.depth_m, measurement.sigma_m
     noise_m, bearing_rad, elevation_rad = measurement.noise_m, measurement.bearing_rad, measurement.elevation_rad
-    if measurement.status is not MeasurementStatus.MEASURED:
+    if measurement.status not in (MeasurementStatus.MEASURED, MeasurementStatus.PERHAPS):
         return None
     if distance_m is None or depth_m is None or sigma_m is None:
         return None
@@ -50,6 +54,7 @@ def sighting_of(measurement: Measurement) -> Sighting | None:
         elevation_rad=elevation_rad,
         size_share=measurement.size_share,
         remark=measurement.reason,
+        is_perhaps=measurement.status is MeasurementStatus.PERHAPS,
     )
 
 
@@ -60,6 +65,7 @@ class TentativeTrack(NamedTuple):
         sighting: The newest sighting.
         noise_m: The standard deviation of its noise.
         frames: How many frames in a row agree with each other.
+        sure: In how many of them it was measured and not only perhaps.
         motion: How it moves if it moves as targets mostly do.
         fast: How it moves if it is as fast as its last two sightings say; None if they agree anyway.
     """
@@ -67,8 +73,13 @@ class TentativeTrack(NamedTuple):
     sighting: Sighting
     noise_m: float
     frames: int
+    sure: int
     motion: MotionState
     fast: MotionState | None = None
+
+    def is_confirmed(self, frames: int) -> bool:
+        """Return whether it counts, where a target that is surely seen takes so many frames."""
+        return self.sure >= frames or self.frames >= max(frames, PERHAPS_FRAMES)
 
 
 def extend_tentative(
@@ -81,16 +92,16 @@ def extend_tentative(
         noise_m: Standard deviation of the sighting's noise, above zero.
         settings: How to track.
     """
-    at_rest = motion.start(sighting.distance_m, noise_m)
+    at_rest, sure = motion.start(sighting.distance_m, noise_m), int(not sighting.is_perhaps)
     if before is None:
-        return TentativeTrack(sighting, noise_m, 1, at_rest)
+        return TentativeTrack(sighting, noise_m, 1, sure, at_rest)
     agreeing = _take_if_agreeing(before.motion, before, sighting, noise_m, settings)
     if agreeing:
-        return TentativeTrack(sighting, noise_m, before.frames + 1, agreeing)
+        return TentativeTrack(sighting, noise_m, before.frames + 1, before.sure + sure, agreeing)
     on_line = before.fast and _take_if_agreeing(before.fast, before, sighting, noise_m, settings)
     if on_line:
-        return TentativeTrack(sighting, noise_m, ON_A_LINE, on_line)
-    return TentativeTrack(sighting, noise_m, 1, at_rest, _start_fast(before, sighting, noise_m))
+        return TentativeTrack(sighting, noise_m, ON_A_LINE, ON_A_LINE if sure and before.sure else 0, on_line)
+    return TentativeTrack(sighting, noise_m, 1, sure, at_rest, _start_fast(before, sighting, noise_m))
 
 
 def _take_if_agreeing(

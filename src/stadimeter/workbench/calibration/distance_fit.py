@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.camera_model import CameraModel, ToneCurve
-from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.detection import Detection
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.calibration import (
@@ -132,7 +132,7 @@ def _split_by_found(
     known: Sequence[KnownDistance], again: Sequence[KnownDistance]
 ) -> tuple[tuple[KnownDistance, ...], tuple[KnownDistance, ...]]:
     """Return the pictures in which the target is found again, and those looked at again in which it is not."""
-    is_found = [each.detection.status is DetectionStatus.FOUND for each in again]
+    is_found = [each.is_usable for each in again]
     found = tuple(each for each, is_good in zip(known, is_found, strict=True) if is_good)
     return found, tuple(each for each, is_good in zip(again, is_found, strict=True) if not is_good)
 
@@ -162,7 +162,7 @@ def _calibrate_one(left_out: KnownDistance, frame: Frame, choice: DriverChoice) 
     """Calibrate from one picture, and return where the target is in it; None where it does not calibrate."""
     (target,) = build_detectors([choice], None)
     known = look_at_distance(left_out.picture, frame, left_out.depth_m, target)
-    if known.detection.status is not DetectionStatus.FOUND:
+    if not known.is_usable:
         return None
     try:
         fit = fit_distances(
@@ -183,7 +183,8 @@ def _look_again(
 ) -> tuple[KnownDistance, ...]:
     """Look again through a camera model, as `measure` will: with it a detector knows shapes and edges better."""
     (target,) = build_detectors(choices, model)
-    return tuple(look_at_distance(each.picture, frame_of(each.picture), each.depth_m, target, model) for each in known)
+    again = (look_at_distance(each.picture, frame_of(each.picture), each.depth_m, target, model) for each in known)
+    return tuple(replace(each, is_confirmed=before.is_confirmed) for before, each in zip(known, again, strict=True))
 
 
 def _with_bias_undone(

@@ -11,7 +11,7 @@ from msgspec import Struct
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.camera_model import ToneCurve
-from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.detection import Detection
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.calibration import (
@@ -149,9 +149,9 @@ class LiveDistance:
             (look_at_distance(name, frame, depth_m, self._target), frame)
             for frame in fresh_frames(self._source, frames)
         ]
-        found = [pair for pair in seen if pair[0].detection.status is DetectionStatus.FOUND]
+        found = [pair for pair in seen if pair[0].is_usable]
         if len(found) < max(1.0, FOUND_SHARE_MIN * len(seen)):
-            missed = [pair for pair in seen if pair[0].detection.status is not DetectionStatus.FOUND]
+            missed = [pair for pair in seen if not pair[0].is_usable]
             raise CalibrationError(_why_not_found(name, missed, len(seen), self._choices[0]))
         found.sort(key=lambda pair: apparent_px(pair[0].detection))
         known, frame = found[len(found) // 2]

@@ -16,7 +16,6 @@ from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import parse_angle, parse_length, path_from, split_spread
 from stadimeter.core.camera_model import CameraModel, Provenance
-from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA, KnownDistance
@@ -256,7 +255,7 @@ def _take_live(known: Known, distance_m: float) -> tuple[Frame, str]:
 def take_shown(known: Known) -> tuple[Frame, str]:
     """Look for the target, and return the picture in which it is, with a sentence about it."""
     found, words = look(known, build_target(known))
-    if found.status is not DetectionStatus.FOUND:
+    if not found.is_whole:
         raise ConfigError(words)
     return known.frame, words
 
@@ -372,14 +371,15 @@ def _view_rad(model: CameraModel) -> float:
 
 def _known_distances(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[KnownDistance, ...]:
     (target,) = build_detectors([choice], None)
-    known = tuple(look_at_distance(str(each.path), open_picture(each.path), each.depth_m, target) for each in pictures)
+    seen = (look_at_distance(str(each.path), open_picture(each.path), each.depth_m, target) for each in pictures)
+    known = tuple(replace(each, is_confirmed=True) for each in seen)  # it was shown to the person, who went on
     _check_found(known, choice)
     return known
 
 
 def _check_found(known: Sequence[KnownDistance], choice: DriverChoice) -> None:
     for each in known:
-        if each.detection.status is not DetectionStatus.FOUND:
+        if not each.is_usable:
             remedy = remedy_words(each, _frame_of(each.picture), choice)
             raise CalibrationError(f"{each.picture}: the target is not found whole: {each.detection.reason}{remedy}")
 

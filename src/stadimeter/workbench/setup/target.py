@@ -109,14 +109,14 @@ def build_target(known: Known, **answers: str) -> DriverChoice:
 
 
 def detect_in(frames: Sequence[Frame], choice: DriverChoice, lens: CameraModel | None) -> tuple[Frame, Detection]:
-    """Return the first frame in which the target is found, or else the first of all, with what is detected in it."""
+    """Return the first frame in which the target is found, or perhaps, or the first of all; and what is seen in it."""
     (named,) = build_detectors([choice], lens)
     seen: list[tuple[Frame, Detection]] = []
     for frame in frames:
         seen.append((frame, named.detector.detect(frame, lens=lens and lens.for_frame(frame))))
         if seen[-1][1].status is DetectionStatus.FOUND:
             return seen[-1]
-    return seen[0]
+    return next((each for each in seen if each[1].is_whole), seen[0])
 
 
 def look(known: Known, choice: DriverChoice, size: str = "") -> tuple[Detection, str]:
@@ -138,7 +138,7 @@ def look(known: Known, choice: DriverChoice, size: str = "") -> tuple[Detection,
     words += _remedy_in_words(choice, found, frame, known.camera_model, size or known.answers["size"])
     mark = Mark(detection=found, headline=choice.name, lines=(words,))
     write_picture(known.path(FOUND), annotate(frame.image, [mark]))
-    return found, f"{words}{known.shown_in(FOUND)}" if found.status is DetectionStatus.FOUND else words
+    return found, f"{words}{known.shown_in(FOUND)}" if found.is_whole else words
 
 
 def why_not_measured(known: Known, lens: CameraModel) -> str:
@@ -148,7 +148,7 @@ def why_not_measured(known: Known, lens: CameraModel) -> str:
     """
     choice = build_target(known)
     frame, found = detect_in(known.frames, choice, lens)
-    if found.status is DetectionStatus.FOUND:
+    if found.is_whole:
         return ""
     if known.is_live and detect_in([frame], choice, None)[1].status is not DetectionStatus.FOUND:
         return ""
@@ -172,13 +172,14 @@ def describe_detection(name: str, found: Detection) -> str:
     number = "" if found.number is None else f" number {found.number}"
     reason = f"; {found.reason}" if found.reason else ""
     match found.status:
-        case DetectionStatus.FOUND:
+        case DetectionStatus.FOUND | DetectionStatus.PERHAPS:
             size = (
                 f"{found.width_px:.0f} px across"
                 if number or found.width_px == found.height_px
                 else (f"{found.width_px:.0f} × {found.height_px:.0f} px")
             )
-            return f"Found the {name}{number} at {x_px:.0f},{y_px:.0f}, {size}{reason}."
+            how = "Found" if found.status is DetectionStatus.FOUND else "This is perhaps"
+            return f"{how} the {name}{number} at {x_px:.0f},{y_px:.0f}, {size}{reason}."
         case DetectionStatus.TRUNCATED:
             return f"The {name} is cut off by the border of the picture{reason}."
         case _:
