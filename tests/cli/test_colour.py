@@ -49,6 +49,17 @@ def _measured(picture: Path, colour: str) -> Typed:
     return _run("measure", picture, "--camera", camera, "--ball", "6.4cm", "--hsv", colour)
 
 
+def test_a_ball_without_a_colour_is_advised_to_be_measured_without_a_range(tmp_path: Path) -> None:
+    silver = _picture(tmp_path / "ball.png", ((300, 200), 40, (190, 190, 190)))
+    told = _run("colour", silver, "--annotate", tmp_path)
+    assert told.returncode == 2
+    assert "nothing in the picture stands out as a ball of one colour" in told.stderr
+    assert "such as a silver or a white one, is measured by its edge: give none" in told.stderr
+    camera = tmp_path / "camera.toml"
+    save_camera_model(camera, CameraModel.with_focal_length(600.0, 640, 480))
+    assert _run("measure", silver, "--camera", camera, "--ball", "6.4cm").returncode == 0
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("at", [[], ["--at", "310,190"], ["--at", "290,210", "--at", "315,205"]])
 def test_a_ball_is_measured_with_the_range_that_is_proposed_for_it(green_ball: Path, at: list[str]) -> None:

@@ -31,6 +31,8 @@ from stadimeter.workbench.picture_metadata import profile_notes
 from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.setup.colour_step import ball_colours
 
+COLOURLESS = "a ball without a colour of its own, such as a silver or a white one, is measured by its edge: give none"
+
 
 def colour(
     *,
@@ -93,6 +95,8 @@ def colour(
         if as_json:
             typer.echo(json.dumps(_record(paths, samples, proposal), ensure_ascii=False))
         is_found = all(map(is_where_pointed, samples, proposal.views))
+        if not is_found:
+            say_note(COLOURLESS)
     raise typer.Exit(DONE if is_found else NOT_FOUND)
 
 
@@ -120,7 +124,7 @@ def _samples_from_options(
 def _nothing(samples: Sequence[ColourSample]) -> str:
     if any(sample.places_px for sample in samples):
         return ONLY_BACKGROUND
-    return f"{NOTHING_STANDS_OUT}; point at it with --at X,Y, in pixels"
+    return f"{NOTHING_STANDS_OUT}; point at it with --at X,Y, in pixels; {COLOURLESS}"
 
 
 def _print(names: Sequence[Path], samples: Sequence[ColourSample], proposal: ColourProposal) -> None:
