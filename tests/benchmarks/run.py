@@ -26,6 +26,7 @@ import machinery
 import objects
 import picture_accuracy
 import real_pictures
+import recall
 import size_from_motion
 import speed
 import start_up
@@ -47,6 +48,7 @@ def _accuracy(run: Callable[[int, int, int], Part], frames: int) -> Job:
 
 
 JOBS: dict[str, Job] = {
+    "recall": lambda asked, _seed: recall.run(asked.workers),
     "ball": _accuracy(ball_accuracy.run, 150),
     "hard balls": _accuracy(hard_balls.run, 1600),
     "hard flats": _accuracy(hard_flats.run, 200),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
@@ -19,17 +20,31 @@ BALL_LOWER, BALL_UPPER = np.array((29, 86, 6)), np.array((64, 255, 255))
 
 def ball_radius_px(image: Image) -> float | None:
     """Return the radius of the ball in pixels of the given picture; None if no pixel has its colour."""
+    found = ball_circle(image, BALL_LOWER, BALL_UPPER)
+    return found[2] if found else None
+
+
+def ball_circle(image: Image, lower: NDArray[np.int_], upper: NDArray[np.int_]) -> tuple[float, float, float] | None:
+    """Return centre and radius of what has a colour, in pixels of the given picture; a range of hues may pass red."""
     height, width = image.shape[:2]
     scale = BALL_WIDTH_PX / width
     small = cv2.resize(image, (BALL_WIDTH_PX, int(height * scale)), interpolation=cv2.INTER_AREA)
     hsv = cv2.cvtColor(cv2.GaussianBlur(small, (11, 11), 0), cv2.COLOR_BGR2HSV)
-    mask = cv2.inRange(hsv, BALL_LOWER, BALL_UPPER)
+    mask = _in_range(hsv, lower, upper)
     mask = cv2.dilate(cv2.erode(mask, None, iterations=2), None, iterations=2)
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     if not contours:
         return None
-    _, radius = cv2.minEnclosingCircle(max(contours, key=cv2.contourArea))
-    return radius / scale
+    (x, y), radius = cv2.minEnclosingCircle(max(contours, key=cv2.contourArea))
+    return x / scale, y / scale, radius / scale
+
+
+def _in_range(hsv: Image, lower: NDArray[np.int_], upper: NDArray[np.int_]) -> Image:
+    if lower[0] <= upper[0]:
+        return np.asarray(cv2.inRange(hsv, lower, upper))
+    last, first = upper.copy(), lower.copy()
+    last[0], first[0] = 180, 0
+    return np.asarray(cv2.inRange(hsv, lower, last) | cv2.inRange(hsv, first, upper))
 
 
 def sheet_box(image: Image) -> tuple[tuple[float, float], tuple[float, float], float] | None:
