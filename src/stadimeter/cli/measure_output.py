@@ -258,13 +258,17 @@ def copy_paths(images: Sequence[Path], folder: Path | None, ending: str = "measu
     return paths
 
 
+# Of what was rejected so many of the most like the target are drawn: more hide the picture.
+DRAWN_MAX = 3
+
+
 def marks_of(result: PictureResult, unit: LengthUnit, *, explain: bool = False) -> tuple[Mark, ...]:
-    """Return what to draw into the copy of a picture; with ``explain``, also edge points and what was rejected."""
+    """Return what to draw into the copy of a picture; with ``explain``, also edge points and the best of the rest."""
     marks = (_mark(each, unit) for each in result.targets)
     if not explain:
         return tuple(marks)
     return tuple(
-        replace(mark, edges_px=each.find_edges(), rejected=each.rejected)
+        replace(mark, edges_px=each.find_edges(), rejected=each.rejected[:DRAWN_MAX])
         for mark, each in zip(marks, result.targets, strict=True)
     )
 

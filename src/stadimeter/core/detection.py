@@ -53,6 +53,11 @@ class RejectedCandidate(Struct, frozen=True, kw_only=True):
     reason: str
     corners_px: tuple[tuple[float, float], ...] = ()
 
+    @property
+    def test(self) -> str:
+        """The test that it failed, without the limit: ``edge scatters by 2.1 px``."""
+        return self.reason.partition(", limit")[0]
+
 
 class Detection(Struct, frozen=True, kw_only=True, eq=False):
     """Where one target is in one picture. Pixel coordinates have (0, 0) at the centre of the top left pixel.

@@ -209,7 +209,7 @@ def _draw_words(canvas: Image, marks: Sequence[Mark], factor: int, scale: float)
         for number, candidate in mark.rejected:
             rim = _rim(candidate, factor)
             if len(rim):
-                _draw_number(canvas, number, rim, room, scale)
+                _draw_label(canvas, f"{number} {candidate.test}", rim, room, scale)
 
 
 def _room_around(canvas: Image, marks: Sequence[Mark], factor: int, scale: float) -> LabelRoom:
@@ -277,9 +277,9 @@ def _legend(canvas: Image, marks: Sequence[Mark], room: LabelRoom, scale: float)
     return [*alone, *(beside if is_free or len(marks) == 1 else [])]
 
 
-def _draw_number(canvas: Image, number: int, rim: Points, room: LabelRoom, scale: float) -> None:
-    """Write a candidate's number at one of its corners where nothing is in the way, at best the upper right."""
-    panel = Panel((str(number),), GREY, 0.5, scale, canvas)
+def _draw_label(canvas: Image, words: str, rim: Points, room: LabelRoom, scale: float) -> None:
+    """Write what a candidate is called at one of its corners where nothing is in the way, at best the upper right."""
+    panel = Panel((words,), GREY, 0.5, scale, canvas)
     gap = round(2 * scale)
     boxes = []
     for across, down in ((1, -1), (-1, -1), (1, 1), (-1, 1)):
