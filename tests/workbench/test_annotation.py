@@ -182,3 +182,16 @@ def test_a_copy_that_cannot_be_written_says_so_and_leaves_nothing(tmp_path: Path
     with pytest.raises(PictureError, match=r"end in '\.nonsense'"):
         write_picture(tmp_path / "a.nonsense", _blank())
     assert list(tmp_path.iterdir()) == []
+
+
+def test_where_a_target_fills_the_picture_its_figures_stand_alone_and_cover_no_label(monkeypatch) -> None:
+    boxes: list[Box] = []
+    draw = annotation.Panel.draw
+    monkeypatch.setattr(annotation.Panel, "draw", lambda panel, box: (boxes.append(box), draw(panel, box)))
+    corners = np.array([(20.0, 20.0), (880.0, 22.0), (879.0, 580.0), (21.0, 578.0)])
+    annotate(_blank(), [_mark(outline=corners, lines=("paper: 35.0 in ± 0.4", "depth 35.0 in", "x", "y"))])
+    assert len(boxes) == 1
+    boxes.clear()
+    annotate(_blank(), [_mark()])
+    assert len(boxes) == 2
+    assert not boxes[0].meets(boxes[1])

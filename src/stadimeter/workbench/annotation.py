@@ -200,6 +200,8 @@ def _draw_words(canvas: Image, marks: Sequence[Mark], factor: int, scale: float)
     seen = [mark for mark in marks if len(mark.detection.outline_px)]
     placed, room = _labels(canvas, seen, room, factor, scale)
     legend = _legend(canvas, marks, room, scale)
+    # Where the target fills the picture there is no room for both: what was measured begins with what the label says.
+    placed = [each for each in placed if not any(each[2].meets(box) for _, box in legend)]
     for mark, _, box in placed:
         _draw_leader(canvas, mark, box, factor, scale)
     for panel, box in (*((panel, box) for _, panel, box in placed), *legend):

@@ -120,6 +120,11 @@ class Box(NamedTuple):
     right: int
     bottom: int
 
+    def meets(self, other: Box) -> bool:
+        """Return whether the two have a pixel in common."""
+        is_beside = self.right <= other.left or other.right <= self.left
+        return not (is_beside or self.bottom <= other.top or other.bottom <= self.top)
+
 
 class LabelPlace(NamedTuple):
     """Where a label goes, and whether nothing that matters is under it."""
