@@ -188,8 +188,9 @@ def test_where_a_target_fills_the_picture_its_figures_stand_alone_and_cover_no_l
     boxes: list[Box] = []
     draw = annotation.Panel.draw
     monkeypatch.setattr(annotation.Panel, "draw", lambda panel, box: (boxes.append(box), draw(panel, box)))
-    corners = np.array([(20.0, 20.0), (880.0, 22.0), (879.0, 580.0), (21.0, 578.0)])
-    annotate(_blank(), [_mark(outline=corners, lines=("paper: 35.0 in ± 0.4", "depth 35.0 in", "x", "y"))])
+    corners = np.array([(20.0, 60.0), (880.0, 60.0), (880.0, 590.0), (20.0, 590.0)])
+    lines = ("paper: 35.0 in ± 0.4 and so on and so on",) * 3
+    annotate(_blank(), [_mark(outline=corners, headline="paper: 35.0 in ± 0.4", lines=lines)])
     assert len(boxes) == 1
     boxes.clear()
     annotate(_blank(), [_mark()])
