@@ -79,7 +79,8 @@ def _printed(folder: Path) -> tuple[str, dict[str, float]]:
     for truth in truths:
         if truth["file"].startswith("a4_printed"):
             measured = finder.measure(ours.read(folder / truth["file"]))
-            errors.append(math.inf if measured.depth_m is None else abs(measured.depth_m / truth["distance_m"] - 1))
+            seen_m = measured.distance_m or math.inf
+            errors.append(abs(seen_m / truth["distance_m"] - 1))
     found = [each for each in errors if math.isfinite(each)]
     facts = {"real printed found": len(found) / len(errors), "real printed median": float(np.median(errors))}
     middle = f", median error {np.median(found):.2%}, largest {max(found):.2%}" if found else ""

@@ -258,7 +258,7 @@ def copy_paths(images: Sequence[Path], folder: Path | None, ending: str = "measu
     return paths
 
 
-# Of what was rejected so many of the most like the target are drawn: more hide the picture.
+# How many of what was rejected are drawn, the most like the target: more hide the picture.
 DRAWN_MAX = 3
 
 

@@ -25,7 +25,7 @@ MAX_SPEED_MPS = 40.0
 # The frames that agree when a third is on the line through two.
 ON_A_LINE = 3
 
-# In so many frames in a row what is perhaps the target must be the same thing before it counts: a third of a second of
+# What is perhaps the target must be the same thing in ten frames in a row before it counts: a third of a second of
 # most cameras. What stands still for as long and looks like the target is taken for it.
 PERHAPS_FRAMES = 10
 
@@ -78,7 +78,7 @@ class TentativeTrack(NamedTuple):
     fast: MotionState | None = None
 
     def is_confirmed(self, frames: int) -> bool:
-        """Return whether it counts, where a target that is surely seen takes so many frames."""
+        """Return whether it counts; a target that is surely seen takes this number of frames."""
         return self.sure >= frames or self.frames >= max(frames, PERHAPS_FRAMES)
 
 
