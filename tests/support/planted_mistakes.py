@@ -111,7 +111,7 @@ ACTUATOR = {
     "keeps-the-pin-when-stopping-fails": Mistake(RELEASED, {"close": close_unless_stopping_fails}),
     "is-closed-and-not-let-go": Mistake("test_close_stops_first_and_may_come_again", {"close": lambda _it: None}),
     "acts-when-closed": Mistake(USED_CLOSED, {"apply": hiding(DeviceClosedError, "apply")}),
-    "ticks-slowly": Mistake(TICKS, {"tick": then("tick", lambda _it: time.sleep(0.3))}),
+    "ticks-slowly": Mistake(TICKS, {"tick": then("tick", lambda _it: time.sleep(1.0))}),
     "ticks-for-ever": Mistake(TICKS, {"tick": then("tick", no_end)}),
 }
 BUTTON = {
@@ -124,7 +124,7 @@ BASE = {
         "test_a_tilt_is_applied_only_where_the_camera_tilts",
         {"apply": lambda it, asked: replace(it.apply(asked), tilt_radps=asked.tilt_radps)},
     ),
-    "waits-for-each-answer": Mistake(TICKS, {"apply": then("apply", lambda _it: time.sleep(0.2))}),
+    "waits-for-each-answer": Mistake(TICKS, {"apply": then("apply", lambda _it: time.sleep(1.0))}),
 }
 MESSENGER = {
     "raises-when-the-broker-is-gone": Mistake(
