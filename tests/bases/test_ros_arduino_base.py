@@ -11,6 +11,7 @@ import pytest
 from pydantic import ValidationError
 
 from stadimeter.app.clock import MonotonicClock
+from stadimeter.bases.differential_drive import WheelSpeeds
 from stadimeter.bases.ros_arduino_base import RosArduinoOptions
 from stadimeter.bases.serial_base import SerialBase
 from stadimeter.config.plugins import DriverContext
@@ -105,7 +106,7 @@ def test_a_base_that_answers_again_can_be_driven_again(bench: BaseBench, base: S
     with pytest.raises(LinkLostError):
         bench.pass_time(base, 1.0)
     bench.firmware.silent = False
-    for _ in range(20):  # the ticks go on, whatever they report, and repeat the stop
+    for _ in range(60):  # the ticks go on, whatever they report, and repeat the stop
         bench.clock.advance_s(0.01)
         with contextlib.suppress(LinkLostError):
             base.tick(bench.clock.now_s())
@@ -153,9 +154,11 @@ def test_a_base_unplugged_while_it_is_greeted_cannot_be_opened(bench: BaseBench)
 
 
 def flood(bench: BaseBench, base: SerialBase) -> None:
+    """Command until the port is full, as if each command had been answered."""
+
     def command() -> None:
         while True:  # time stands still, so nobody reads at the other end
-            bench.command(base, 0.3)
+            base._send(base._link, b"m 10 10\r", bench.clock.now_s(), WheelSpeeds(left_mps=0.3, right_mps=0.3))
 
     with pytest.raises(LinkLostError, match="50 ms"):
         command()

@@ -260,7 +260,8 @@ def test_the_way_of_each_wheel_is_reported(make_bench: MakeBench, kind: str) -> 
         ({"max_wheel_speed": "0 m/s"}, "goes nowhere"),
         ({"max_wheel_speed": "-1 m/s"}, "max_wheel_speed"),
         ({"max_wheel_speed": "nan m/s"}, "max_wheel_speed"),
-        ({"baud": 0}, "greater than 0"),
+        ({"baud": 0}, "set the base to 2400 baud or more"),
+        ({"baud": 1200}, "set the base to 2400 baud or more"),
     ],
 )
 def test_options_that_make_no_robot_are_errors(kind: str, wrong: dict[str, Any], says: str) -> None:

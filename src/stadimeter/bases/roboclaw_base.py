@@ -4,8 +4,8 @@ Its serial time-out is off after each start of the board. It is set at open, and
 that was switched off and on meanwhile has none, and is stopped and opened anew.
 
 **Every byte feeds that time-out, not only commands that drive.** So nothing is asked of a board to which no command
-goes: questions must not keep wheels turning without commands. And a stop that stays unanswered is repeated once, then
-the line is quiet until the board must have stopped by itself.
+goes: questions must not keep wheels turning without commands. And behind two frames that stay unanswered nothing is
+sent, so that the board stops by itself.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pydantic import Field, PositiveInt, model_validator
 
 from stadimeter.bases.counts import TIMEOUT_UNIT_S, EncoderCounter, SerialTimeout, SpeedSteps
 from stadimeter.bases.differential_drive import DifferentialDrive, WheelSpeeds
-from stadimeter.bases.serial_base import SerialBaseOptions
+from stadimeter.bases.serial_base import Baud, SerialBaseOptions
 from stadimeter.bases.serial_codec import Answers, BaseMessage, SerialCodec, WheelCommand
 from stadimeter.config.units import Duration, Length, Speed
 
@@ -173,7 +173,7 @@ class RoboclawOptions(SerialBaseOptions):
     title: ClassVar = "a RoboClaw motor controller on a serial port or USB"
     auto_stop_advice: ClassVar = 'write auto_stop = "300 ms"'
 
-    baud: PositiveInt = 38400
+    baud: Baud = 38400
     """As it was set in the board. On USB it does not matter."""
     address: Annotated[int, Field(ge=0x80, le=0x87)] = 0x80
     """As it was set in the board."""

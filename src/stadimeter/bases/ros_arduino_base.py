@@ -23,7 +23,7 @@ from pydantic import Field, PositiveInt, model_validator
 
 from stadimeter.bases.counts import SpeedSteps
 from stadimeter.bases.differential_drive import DifferentialDrive, WheelSpeeds
-from stadimeter.bases.serial_base import SerialBaseOptions
+from stadimeter.bases.serial_base import Baud, SerialBaseOptions
 from stadimeter.bases.serial_codec import Answers, BaseMessage, LineReader, SerialCodec, TextLine, WheelCommand
 from stadimeter.config.units import Duration, Length
 from stadimeter.errors import CommandRangeError
@@ -51,7 +51,7 @@ class RosArduinoOptions(SerialBaseOptions):
     title: ClassVar = "an Arduino with the ros_arduino_bridge sketch"
     auto_stop_advice: ClassVar = 'set AUTO_STOP_INTERVAL in its sketch to 500, load it, and write auto_stop = "500 ms"'
 
-    baud: PositiveInt = 57600
+    baud: Baud = 57600
     """``BAUDRATE`` of the sketch."""
     wheel_diameter: Length = Field(examples=["6.5 cm"])
     """Diameter of the driven wheels."""

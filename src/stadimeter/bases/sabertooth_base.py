@@ -12,11 +12,11 @@ from __future__ import annotations
 from typing import Annotated, ClassVar
 
 from msgspec.structs import replace
-from pydantic import Field, PositiveInt
+from pydantic import Field
 
 from stadimeter.bases.counts import TIMEOUT_UNIT_S, SerialTimeout, SpeedSteps
 from stadimeter.bases.differential_drive import DifferentialDrive, WheelSpeeds
-from stadimeter.bases.serial_base import DutyBaseOptions
+from stadimeter.bases.serial_base import Baud, DutyBaseOptions
 from stadimeter.bases.serial_codec import Answers, BaseMessage, SerialCodec, WheelCommand
 from stadimeter.config.units import Duration
 
@@ -82,7 +82,7 @@ class SabertoothOptions(DutyBaseOptions):
     title: ClassVar = "a Sabertooth motor driver on a serial port"
     auto_stop_advice: ClassVar = 'write auto_stop = "300 ms"'
 
-    baud: PositiveInt = 9600
+    baud: Baud = 9600
     """As it was set in the board."""
     address: Annotated[int, Field(ge=128, le=135)] = 128
     """As the switches of the board have it."""

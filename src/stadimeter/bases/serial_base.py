@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from itertools import cycle
-from typing import ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 from msgspec.structs import replace
-from pydantic import Field, PositiveInt, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from stadimeter.bases.acknowledgements import Acknowledgements, Unacknowledged
 from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelSpeeds
@@ -27,6 +27,9 @@ from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError,
 
 LOST_AFTER_S = 0.5
 
+# Bytes that are still in the port so long after they should have left at its baud rate wait for a line that is slower.
+HELD_UP_AFTER_S = 0.1
+
 # Reports that a base gives only when asked: often enough for a battery and for odometry beside a camera.
 POLLED_EVERY_S = 0.2
 
@@ -34,15 +37,31 @@ POLLED_EVERY_S = 0.2
 # would turn on while nobody commands them.
 POLLED_AFTER_COMMAND_S = 0.1
 
-# A board whose time-out is over has stopped by this much later.
-STOPS_LATER_S = 0.1
+# A line that is too slow has carried two frames by then, and nothing more feeds the time-out of the board.
+CARRIED_AFTER_S = 1.2
 
 # No base that this is for has more; a number beyond is damage on the line.
 MAX_BATTERY_V = 100.0
 
+MIN_BAUD = 2400
+BITS_A_BYTE = 10
+TOO_SLOW = "raise the baud rate, here and in the base, or mend the adapter or the radio link between them"
+
 STANDING = WheelSpeeds(left_mps=0.0, right_mps=0.0)
 
 _REPORTED = ("battery_v", "is_bumped", "is_at_cliff", "errors")
+
+
+def _check_baud(baud: int) -> int:
+    if baud < MIN_BAUD:
+        raise ValueError(
+            f"at {baud} baud a command is under way for too long, so that wheels stop late; "
+            f"set the base to {MIN_BAUD} baud or more, and write that"
+        )
+    return baud
+
+
+Baud = Annotated[int, AfterValidator(_check_baud)]
 
 
 class SerialBaseOptions(DriverOptions):
@@ -52,7 +71,7 @@ class SerialBaseOptions(DriverOptions):
 
     port: SerialPort
     """The serial port, best as ``/dev/serial/by-id/…``; or an emulated one: ``emulated-`` and the driver's name."""
-    baud: PositiveInt = 115200
+    baud: Baud = 115200
     """The speed of the line."""
     track_width: Length = Field(examples=["20 cm"])
     """Distance between the middles of the two driven wheels."""
@@ -136,7 +155,9 @@ class DutyBaseOptions(SerialBaseOptions):
 class SerialBase:
     """A `MobileBase` over a serial port.
 
-    Every command is one write, and nothing waits in a queue of ours: a port that does not take a frame is an error.
+    Every command is one write, and nothing waits in a queue: a port that does not take a frame, or does not send it, is
+    an error. A command that drives is left out while one before it is on its way: the loop commands again within 50 ms,
+    and a line that is slower than commands come would have them obeyed late.
     """
 
     def __init__(self, options: SerialBaseOptions, context: DriverContext) -> None:
@@ -151,6 +172,9 @@ class SerialBase:
         """Open the port, wait until the base answers, set its time-out and make it stand. Does nothing when open."""
         if self._link:
             return
+        if self._awaited.must_be_quiet:  # so what it was sent last shall not be followed by more before it stands
+            after_s = CARRIED_AFTER_S + self._options.stops_by_itself_after_s()
+            self._clock.sleep_until_s(self._commanded_s + after_s)
         codec = self._options.codec()
         link = SerialLink(self._context.port_path(self._options.port), self._options.baud)
         link.open()
@@ -170,32 +194,37 @@ class SerialBase:
         The speeds returned are those sent: limited along the same curve, and rounded to what its protocol can say.
 
         Raises:
-            LinkLostError: The port is gone, takes no bytes, or nothing was heard for `LOST_AFTER_S`.
+            LinkLostError: The port is gone, takes or sends no bytes, or answers are missing or late.
             ProtocolError: The base refused a command.
         """
         link = self._opened()
         now_s = self._clock.now_s()
         self._read(link, now_s)
-        self._check_silence(link)
+        self._check_line(link, now_s)
         wheels = self._drive.wheels(Motion(linear_mps=command.linear_mps, angular_radps=command.angular_radps))
         left_mps, right_mps = self._options.to_motors(wheels.left_mps, wheels.right_mps)
         encoded = self._codec.encode(WheelSpeeds(left_mps=left_mps, right_mps=right_mps))
         is_stop = encoded.sent == STANDING
-        if not (is_stop and self._awaited.must_be_quiet(now_s)):
-            self._send(link, encoded.frame, now_s, is_stop=is_stop)
-        left_mps, right_mps = self._options.to_wheels(encoded.sent.left_mps, encoded.sent.right_mps)
+        is_first_stop = is_stop and self._sent != STANDING
+        if not self._awaited.must_be_quiet and (is_first_stop or self._is_free(link, now_s)):
+            self._send(link, encoded.frame, now_s, encoded.sent)
+        said = STANDING if is_stop else self._sent
+        left_mps, right_mps = self._options.to_wheels(said.left_mps, said.right_mps)
         sent = self._drive.motion(WheelSpeeds(left_mps=left_mps, right_mps=right_mps))
         return replace(command, linear_mps=sent.linear_mps, angular_radps=sent.angular_radps, tilt_radps=0.0)
 
     def tick(self, now_s: float) -> None:
-        """Read answers, ask for reports, and repeat a stop that may not have arrived, also over a link that is lost."""
+        """Read answers, ask for reports, and send a stop where one or a command may not have arrived.
+
+        Stops are repeated also over a link that is lost.
+        """
         link = self._opened()
         self._read(link, now_s)
         if self._awaited.stop_is_overdue(now_s):
             self._awaited.repeating()
-            self._send(link, self._codec.stop, now_s, is_stop=True)
-        self._check_silence(link)
-        if self._is_standing or now_s - self._commanded_s < POLLED_AFTER_COMMAND_S:
+            self._send(link, self._codec.stop, now_s)
+        self._check_line(link, now_s)
+        if self._sent == STANDING or now_s - self._commanded_s < POLLED_AFTER_COMMAND_S:
             self._poll(link, now_s)
 
     def report(self) -> BaseReport | None:
@@ -205,8 +234,8 @@ class SerialBase:
     def stop(self) -> None:
         """Stand still at once. Does nothing when closed."""
         now_s = self._clock.now_s()
-        if self._link and not self._awaited.must_be_quiet(now_s):
-            self._send(self._link, self._codec.stop, now_s, is_stop=True)
+        if self._link and not self._awaited.must_be_quiet:
+            self._send(self._link, self._codec.stop, now_s)
 
     def close(self) -> None:
         """Stop, wait shortly until the stop has left the computer, and release the port, even if the stop fails."""
@@ -228,16 +257,14 @@ class SerialBase:
         self._link = link
         self._codec = codec
         now_s = self._clock.now_s()
-        self._awaited = Acknowledgements(
-            self._options.stops_by_itself_after_s() + STOPS_LATER_S if codec.any_byte_feeds else 0.0
-        )
+        self._awaited = Acknowledgements(any_byte_feeds=codec.any_byte_feeds)
         if codec.answers is not Answers.EACH_COMMAND:
             self._awaited = Unacknowledged(now_s, streams=codec.answers is Answers.STREAM, stops=codec.stops)
         self._polls = cycle(codec.polls)
         self._polled_s = -math.inf
-        self._sent_s = self._commanded_s = now_s
+        self._left_s = self._commanded_s = now_s
+        self._sent = STANDING
         self._frame_cut_short = False
-        self._is_standing = True
         self._refusals_to_ignore = 0
         self._report: BaseReport | None = None
         self._start_m: tuple[float, float] | None = None
@@ -249,12 +276,20 @@ class SerialBase:
             raise DeviceClosedError(f"the base '{self._context.name}' is not open")
         return self._link
 
-    def _send(self, link: SerialLink, frame: bytes, now_s: float, *, is_stop: bool) -> None:
-        """Send a command, noted first: a stop that fails is tried again."""
-        if self._frame_cut_short and self._codec.ends_cut_frame:
+    def _send(self, link: SerialLink, frame: bytes, now_s: float, says: WheelSpeeds = STANDING) -> None:
+        """Send a command, noted first: a stop that fails is tried again.
+
+        A stop follows nothing that the port holds back, unless what ends a cut frame is longer than that.
+        """
+        is_held_up = now_s > self._left_s and link.waiting() > len(self._codec.ends_cut_frame)
+        if says == STANDING != self._sent and is_held_up:
+            link.discard()
+            self._frame_cut_short = True
+        if self._frame_cut_short:
+            self._left_s = now_s
             frame = self._after_a_cut(frame, now_s)
-        self._awaited.sent(now_s, stop=is_stop)
-        self._commanded_s, self._is_standing = now_s, is_stop
+        self._awaited.sent(now_s, stop=says == STANDING)
+        self._commanded_s, self._sent = now_s, says
         self._write(link, frame)
 
     def _after_a_cut(self, frame: bytes, now_s: float) -> bytes:
@@ -263,23 +298,28 @@ class SerialBase:
         The firmware may hold the beginning of a frame that the port took only in part. A stop appended to ``m 10``
         would make it spin. So that remainder is ended first: it is done or refused, and this frame follows at once.
         """
+        if not self._codec.ends_cut_frame:
+            return frame
         self._refusals_to_ignore += 1
         self._awaited.sent(now_s, stop=False)
         return self._codec.ends_cut_frame + frame
 
     def _write(self, link: SerialLink, frame: bytes) -> None:
-        quiet_from_s = self._sent_s + self._codec.gap_s
-        if self._clock.now_s() < quiet_from_s:
-            self._clock.sleep_until_s(quiet_from_s)
+        if self._codec.gap_s and self._clock.now_s() < self._left_s + self._codec.gap_s:
+            self._clock.sleep_until_s(self._left_s + self._codec.gap_s)
         self._codec.note_sent(frame)
         self._frame_cut_short = True
         link.write(frame)
         self._frame_cut_short = False
-        self._sent_s = self._clock.now_s()
+        self._left_s = max(self._left_s, self._clock.now_s()) + len(frame) * BITS_A_BYTE / self._options.baud
+
+    def _is_free(self, link: SerialLink, now_s: float) -> bool:
+        """Return whether nothing that was sent is still on its way, as far as that shows here."""
+        return self._awaited.is_free and now_s >= self._left_s and not link.waiting()
 
     def _poll(self, link: SerialLink, now_s: float) -> None:
         question = next(self._polls, b"") if now_s - self._polled_s >= POLLED_EVERY_S else b""
-        if question and not self._frame_cut_short and not self._awaited.must_be_quiet(now_s):
+        if question and not self._frame_cut_short and self._is_free(link, now_s):
             self._polled_s = now_s
             self._write(link, question)
 
@@ -324,7 +364,11 @@ class SerialBase:
             return self._rolled_m
         return None
 
-    def _check_silence(self, link: SerialLink) -> None:
+    def _check_line(self, link: SerialLink, now_s: float) -> None:
+        if now_s - self._left_s > HELD_UP_AFTER_S and link.waiting():
+            raise LinkLostError(f"the line at {link.path} is slower than its {self._options.baud} baud; {TOO_SLOW}")
+        if self._awaited.is_late:
+            raise LinkLostError(f"the base at {link.path} acknowledges commands too late; {TOO_SLOW}")
         if self._awaited.silent_s > LOST_AFTER_S:
             said = "acknowledged" if self._codec.answers is Answers.EACH_COMMAND else "reported"
             raise LinkLostError(

@@ -65,7 +65,7 @@ class SerialLink:
                 self._wait_for_room(wait_s)
             left = left[self._offer(left) :]
             if left and wait_s <= 0:
-                self._discard()
+                self.discard()
                 raise LinkLostError(
                     f"the serial port {self.path} has not taken {len(left)} bytes in {UNTAKEN_AFTER_S * 1e3:.0f} ms; "
                     "the other end does not read: check the base and its cable"
@@ -82,9 +82,9 @@ class SerialLink:
     def drain(self) -> None:
         """Wait until everything written has left the computer; raises `LinkLostError` after `DRAIN_TIMEOUT_S`."""
         deadline_s = time.monotonic() + DRAIN_TIMEOUT_S
-        while self._waiting() and time.monotonic() < deadline_s:
+        while self.waiting() and time.monotonic() < deadline_s:
             time.sleep(0.001)
-        if left := self._waiting():
+        if left := self.waiting():
             raise LinkLostError(f"the last {left} bytes to the serial port {self.path} have not left in time")
 
     def close(self) -> None:
@@ -93,8 +93,8 @@ class SerialLink:
         May be called any number of times.
         """
         with suppress(LinkLostError):
-            if self._port and self._waiting():
-                self._discard()
+            if self._port and self.waiting():
+                self.discard()
         port, self._port = self._port, None
         if port:
             port.close()
@@ -109,7 +109,7 @@ class SerialLink:
         except OSError as error:
             raise self._lost(error) from error
 
-    def _waiting(self) -> int:
+    def waiting(self) -> int:
         """Return how many bytes have not left the port."""
         port = self._opened()
         try:
@@ -117,7 +117,8 @@ class SerialLink:
         except OSError as error:
             raise self._lost(error) from error
 
-    def _discard(self) -> None:
+    def discard(self) -> None:
+        """Throw away what has not left the port. The other end may have the beginning of a frame."""
         with suppress(OSError, termios.error):
             self._opened().reset_output_buffer()
 
