@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct, field
+from msgspec.structs import replace
 
 from stadimeter.config import models
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
@@ -107,8 +109,13 @@ class ChosenDrivers:
 
     @property
     def world(self) -> DriverChoice | None:
-        """The simulated world."""
-        return self.drivers.get(("world",))
+        """The simulated world. Its robot is the one that the base describes, where the world does not say otherwise."""
+        world = self.drivers.get(("world",))
+        if world is None or self.base is None:
+            return world
+        written = world.options.model_fields_set
+        robot = {name: figure for name, figure in _robot(self.base.options).items() if name not in written}
+        return replace(world, options=world.options.model_copy(update=robot))
 
     @property
     def status_led(self) -> DriverChoice | None:
@@ -117,6 +124,15 @@ class ChosenDrivers:
 
     def _named(self, section: str) -> tuple[DriverChoice, ...]:
         return tuple(choice for at, choice in self.drivers.items() if at[0] == section)
+
+
+def _robot(base: Any) -> dict[str, float]:
+    """Return what the options of a base say of its robot, by their names in a simulated world."""
+    track_width, ticks, wheel = (
+        getattr(base, name, None) for name in ("track_width", "ticks_per_turn", "wheel_diameter")
+    )
+    robot = {"track_width": track_width} if track_width else {}
+    return robot | {"ticks_per_metre": ticks / (math.pi * wheel)} if ticks and wheel else robot
 
 
 class Draft(ChosenDrivers, Struct, kw_only=True):

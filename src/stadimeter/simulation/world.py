@@ -84,9 +84,9 @@ class WorldOptions(DriverOptions):
     robot_heading: Angle = 0.0
     """Where the robot faces at the start, counter-clockwise from east."""
     track_width: Length = 0.2
-    """Distance between the robot's two wheels."""
+    """Distance between the robot's two wheels; that of the base, if it has one and this is not written."""
     ticks_per_metre: float = Field(default=4000.0, gt=0)
-    """Ticks that a wheel's encoder counts on a metre."""
+    """Ticks that a wheel's encoder counts on a metre; as the base has it, if this is not written."""
     camera_height: Length = 0.25
     """Height of the camera above the floor. It looks straight ahead from between the wheels, level unless a servo tilts
     it."""

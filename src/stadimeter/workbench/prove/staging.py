@@ -100,7 +100,9 @@ def stage(configuration: Configuration) -> StagedConfiguration:
     if configuration.base is None or follow is None:
         raise _unfit(configuration, "base", "nothing drives: a proof needs a [base] and a rule with follow")
     base, port = _emulated(configuration, configuration.base)
-    world = load_driver(plugins.WORLDS, "simulated").model_validate(_robot(base.options))
+    # The ball of the simulated world is beyond the reach of any range sensor.
+    far = {"at": "0 s", "x": "1000 m", "y": "0 m"}
+    world = load_driver(plugins.WORLDS, "simulated").model_validate({"path": [far]})
     drivers = {at: _stand_in(at, choice) for at, choice in configuration.drivers.items() if at[0] != "buttons"}
     drivers |= {
         ("camera",): DriverChoice(name="camera", driver="staged", options=StagedCameraOptions()),
@@ -145,16 +147,6 @@ def _stand_in(at: tuple[str | int, ...], choice: DriverChoice) -> DriverChoice:
     if group is None or choice.driver == "simulated":
         return choice
     return DriverChoice(name=choice.name, driver="simulated", options=load_driver(group, "simulated")())
-
-
-def _robot(base: Any) -> dict[str, Any]:
-    """Return the figures of the robot that a base drives, as options of its world."""
-    # The ball of the simulated world is beyond the reach of any range sensor.
-    far = {"at": "0 s", "x": "1000 m", "y": "0 m"}
-    figures: dict[str, Any] = {"track_width": f"{getattr(base, 'track_width', 0.2)} m", "path": [far]}
-    if getattr(base, "ticks_per_turn", None) is not None:
-        figures["ticks_per_metre"] = base.ticks_per_turn / (math.pi * base.wheel_diameter)
-    return figures
 
 
 def _tracks(
