@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
 import math
-import struct
-import termios
 from contextlib import suppress
 from typing import Any
 
@@ -118,29 +115,25 @@ def test_a_board_that_every_byte_keeps_driving_is_left_in_silence_until_it_stops
 
 @pytest.fixture
 def in_sight(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let a port hold back what the line has not carried, as the system does without an adapter that takes it."""
+    """Let a port hold back what the line has not carried, as the system does without an adapter that takes it.
+
+    A pseudo-terminal never says so, and moves what is written by a worker of the kernel, at times of its own.
+    """
     ports: list[EmulatedPort] = []
-    make, discard = EmulatedPort.__init__, SerialLink.discard
+    make = EmulatedPort.__init__
 
     def make_and_note(port: EmulatedPort, *arguments: Any, **more: Any) -> None:
         make(port, *arguments, **more)
         ports.append(port)
 
-    def waiting(link: SerialLink) -> int:
-        link._opened()
-        assert ports[-1]._cable
-        unread = fcntl.ioctl(ports[-1]._cable._board_fd, termios.FIONREAD, bytes(4))
-        return int(struct.unpack("i", unread)[0]) + len(ports[-1].waiting)
-
-    def discard_all(link: SerialLink) -> None:
-        discard(link)
-        assert ports[-1]._cable
-        ports[-1]._cable.read()
-        ports[-1].waiting = b""
+    def offer(_link: SerialLink, data: bytes) -> int:
+        ports[-1].waiting += data
+        return len(data)
 
     monkeypatch.setattr(EmulatedPort, "__init__", make_and_note)
-    monkeypatch.setattr(SerialLink, "waiting", waiting)
-    monkeypatch.setattr(SerialLink, "discard", discard_all)
+    monkeypatch.setattr(SerialLink, "_offer", offer)
+    monkeypatch.setattr(SerialLink, "waiting", lambda _link: len(ports[-1].waiting))
+    monkeypatch.setattr(SerialLink, "discard", lambda _link: setattr(ports[-1], "waiting", b""))
 
 
 @pytest.mark.usefixtures("in_sight")
