@@ -98,7 +98,7 @@ def test_a_number_that_is_not_in_view_is_missed_by_name() -> None:
 def test_tags_of_another_family_are_not_taken() -> None:
     found = seen(pasted((3, 200, 200, 120), family="aruco-6x6-250"))
     assert found.status is DetectionStatus.NOT_FOUND
-    assert found.reason.startswith("no tag of apriltag-36h11 of at least 16 px among ")
+    assert found.reason.startswith("no tag of apriltag-36h11 of at least 10 px among ")
 
 
 @pytest.mark.long
@@ -184,6 +184,14 @@ def test_a_tag_smaller_than_the_limit_is_not_taken() -> None:
     assert seen(picture, min_side_px=60).status is DetectionStatus.NOT_FOUND
 
 
+def test_a_tag_whose_cells_are_two_pixels_wide_is_read_and_its_sigma_says_how_small_it_is() -> None:
+    family = "aruco-4x4-50"
+    for number in range(1, 8):
+        found = seen(pasted((number, 300, 200, 12), family=family), family=family)
+        assert (found.status, found.number) == (DetectionStatus.FOUND, number)
+        assert abs(found.width_px - 12) < 2 * found.size_sigma_px < 1.5
+
+
 def test_a_large_picture_is_searched_from_its_smallest_copy_on() -> None:
     picture = cv2.resize(pasted((3, 200, 200, 120)), (4000, 3000), interpolation=cv2.INTER_CUBIC)
     truth = (square(200, 200, 120) + 0.5) * 6.25 - 0.5
@@ -235,7 +243,7 @@ def test_a_family_may_be_written_shortly(written: str, meant: str) -> None:
         ({"family": "4x4-50", "id": 50}, "50 is not in aruco-4x4-50, whose tags are numbered 0 to 49"),
         ({"id": -1}, "greater than or equal to 0"),
         ({"side": "0 cm"}, "not a length above zero"),
-        ({"min_side_px": 4}, "greater than or equal to 12"),
+        ({"min_side_px": 4}, "greater than or equal to 8"),
         ({"size": "8 cm"}, "Extra inputs"),
     ],
 )

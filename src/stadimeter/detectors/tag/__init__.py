@@ -109,7 +109,7 @@ class TagOptions(DriverOptions):
     """Several tags of the family, each a target of its own."""
     count: Count | None = None
     """How many tags there are at most, whatever their numbers, each a target of its own."""
-    min_side_px: Annotated[float, Field(ge=12)] = 16.0
+    min_side_px: Annotated[float, Field(ge=8)] = 10.0
     """Tags whose longest side is smaller than this in the picture are not looked for. The larger, the sooner a picture
     without a tag is done with."""
     inverted: bool = False
