@@ -88,7 +88,7 @@ def test_what_is_wrong_is_said_in_one_line() -> None:
             "--sheet: 'leter' is no sheet with a name; did you mean 'letter'? Known names: A1, A2, A3, A4",
         ),
         ({"sheet": "1in,2in,3in"}, "'1in,2in,3in' is not a width and a height"),
-        ({"sheet": "A4", "min_side": 4.0}, "--min-side: 4.0 is below 8"),
+        ({"sheet": "A4", "min_side": 3.0}, "--min-side: 3.0 is below 4"),
         ({"sheet": "11, 8.5"}, "--sheet: '11' has no unit"),
         ({"sheet": "11in,0in"}, "--sheet: '0in' is not a length above zero"),
         ({"sheet": "nanin,8in"}, "--sheet: 'nanin' is not a number with a unit"),

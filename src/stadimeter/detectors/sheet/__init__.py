@@ -75,8 +75,8 @@ class SheetOptions(DriverOptions):
     """Its vertical side as it hangs."""
     known_side: KnownSide = "auto"
     """Which side the distance is computed from: ``auto``, ``width`` or ``height``."""
-    min_side_px: Annotated[float, Field(ge=8)] = 8.0
-    """Sheets whose shorter side is smaller than this in the picture are not accepted."""
+    min_side_px: Annotated[float, Field(ge=4)] = 8.0
+    """Sheets whose shorter side, or the one that is known, is smaller than this in the picture are not accepted."""
     tolerance: Tolerance | None = None
     """One standard deviation of its sides, such as ``"1 mm"``: how well its size is known."""
 

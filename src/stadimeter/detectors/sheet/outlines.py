@@ -95,7 +95,8 @@ class Twins:
         off = self._centres - corners_px.mean(axis=1)[:, None]
         sides = _log_sides(corners_px)
         apart = np.hypot(off[..., 0], off[..., 1]) / np.exp(sides[:, :1])
-        alike = (apart > TWIN_LENGTHS[0]) & (apart < TWIN_LENGTHS[1])
+        # Of a named colour there may be a board full of them, however far apart.
+        alike = (apart > TWIN_LENGTHS[0]) & ((apart < TWIN_LENGTHS[1]) | several)
         alike &= (np.abs(self._sides - sides[:, None]) < TWIN_LOG_SIDE).all(axis=2)
         alike &= np.abs(np.log(np.maximum(self._contrasts, 1) / np.maximum(contrasts[:, None], 1))) < TWIN_LOG_CONTRAST
         # Several of them, such as tiles or panes, are no pair; an outline may show twice at one place.

@@ -67,8 +67,10 @@ from stadimeter.ranging.flat import SheetShape
 SEARCH_SCALE = 0.5
 SEARCH_LONG_SIDES_PX = (320, 800)
 
-# Shortest side of outlines that are looked for, in pixels of the reduced picture.
+# Shortest side of outlines that are looked for, in pixels of the reduced picture; and, in pixels of the picture, of the
+# side that the distance does not come from: a strip of lit tape is read by its length where its height is 4 px.
 MIN_SEARCHED_PX = 5.0
+MIN_OTHER_SIDE_PX = 3.0
 
 # After the quick one, one after the other, until the sheet is found beyond doubt.
 LATER_SEARCHES = (bright_masks, partial(bright_masks, first=1), thorough_masks)
@@ -149,6 +151,7 @@ class SheetSearch:
         self._aspect = max(size.width_m, size.height_m) / min(size.width_m, size.height_m)
         self._shape = SheetOutlines(size, lens, (image.shape[1], image.shape[0]))
         self._is_strict = size.known_side == "auto"
+        self._least_px = min_side_px if self._is_strict else min(min_side_px, MIN_OTHER_SIDE_PX)
         self._stated = SheetOutlines(replace(size, known_side="auto"), lens, (image.shape[1], image.shape[0]))
         self._slack = slack_share(size, by_hand=self._is_strict)
         if not self._is_strict:
@@ -168,7 +171,7 @@ class SheetSearch:
         for masks in (self._first_masks, *LATER_SEARCHES):
             # Half of the smallest side, in pixels of the reduced picture: an outline found there is rough, and the
             # limit itself is tested once its sides are measured.
-            smallest_px = max(self._min_side_px * scale / 2, MIN_SEARCHED_PX)
+            smallest_px = max(self._min_side_px * scale / 2, min(MIN_SEARCHED_PX, self._least_px))
             outlines = find_quadrilaterals(masks(picture), smallest_px)
             outlines = to_full_scale(outlines, scale) + region.left_top_px
             if masks == self._first_masks:
@@ -224,7 +227,7 @@ class SheetSearch:
         shapes = quad_shapes(outlines)
         longest = self._aspect / math.cos(MAX_TILT_RAD)
         tests: tuple[Test, ...] = (
-            (shapes.shorter_px >= 0.8 * self._min_side_px, lambda i: small_text(shapes, i, self._min_side_px)),
+            (shapes.shorter_px >= 0.8 * self._least_px, lambda i: small_text(shapes, i, self._least_px)),
             (
                 shapes.side_ratio <= MAX_SIDE_RATIO,
                 lambda i: f"opposite sides of {shapes.side_ratio[i]:.1f} to 1, limit {MAX_SIDE_RATIO:.1f} to 1",
@@ -296,8 +299,8 @@ class SheetSearch:
         good = ~corners_on_border(edges.corners_px, self._image.shape, _margin_px(scale))
         tests: tuple[Test, ...] = (
             *_size_test(edges, expected),
-            *side_tests(edges, self._min_side_px),
-            *self._ratio_test(edges.corners_px),
+            *side_tests(edges, self._least_px),
+            *self._known_side_tests(edges.corners_px),
             (misfit_px <= limits, lambda i: self._misfit_text(misfit_px[i], limits[i], edges.corners_px[i])),
             (
                 quality >= min_quality,
@@ -338,19 +341,33 @@ class SheetSearch:
         off = np.log(longest_px / expected.size_px) / EXPECTED_LOG_SIZE
         return np.asarray(evidence + EXPECTED_EVIDENCE - off**2 / 2)
 
+    def _known_sides_px(self, corners_px: Points) -> tuple[Values, Values]:
+        """Return the lengths of the named sides of outlines, and of the other ones."""
+        sides = np.array([width_and_height(each) for each in corners_px]).reshape(-1, 2).T
+        return (sides[0], sides[1]) if self._size.known_side == "width" else (sides[1], sides[0])
+
     def _off_ratio(self, corners_px: Points) -> Values:
         """Return by how much the ratios of the sides of outlines are off that of the sheet, as logarithms."""
-        ratios = [width_px / height_px for width_px, height_px in map(width_and_height, corners_px)]
-        off = np.log(np.array(ratios) * (self._size.height_m / self._size.width_m))
-        return off if self._size.known_side == "width" else -off
+        known_px, other_px = self._known_sides_px(corners_px)
+        stated = self._size.width_m / self._size.height_m
+        return np.asarray(
+            np.log(known_px / other_px) - math.log(stated if self._size.known_side == "width" else 1 / stated)
+        )
 
-    def _ratio_test(self, corners_px: Points) -> tuple[Test, ...]:
-        """Return a test whether the side that is not named is about as long as stated, where one is named."""
+    def _known_side_tests(self, corners_px: Points) -> tuple[Test, ...]:
+        """Return tests of the side that is named, where one is: how long it is, and how long the other one is by it."""
         if self._is_strict:
             return ()
+        known_px, _ = self._known_sides_px(corners_px)
         factors = np.exp(np.abs(self._off_ratio(corners_px)))
         limit = math.exp(MAX_LOG_RATIO)
-        return ((factors <= limit, lambda i: f"sides off the stated ratio {factors[i]:.2f} times, limit {limit:.2f}"),)
+        return (
+            (
+                known_px >= self._min_side_px,
+                lambda i: f"{known_px[i]:.0f} px by its known side, limit {self._min_side_px:.0f} px",
+            ),
+            (factors <= limit, lambda i: f"sides off the stated ratio {factors[i]:.2f} times, limit {limit:.2f}"),
+        )
 
     def _judge_cut_off(
         self, findings: Findings, outlines: Points, on_border: Flags, scale: float, looks: Looks
