@@ -95,7 +95,7 @@ _OPTIONS = {
     "--disc": _Option("DIAMETER", "Look for a flat disc of this size, such as 12cm."),
     "--min-side": _Option(
         "PIXELS",
-        "Accept sheets and tags whose shorter side is at least this long in the picture; 8 and 16 pixels unless "
+        "Accept sheets and tags whose shorter side is at least this long in the picture; 8 and 10 pixels unless "
         "you say so. Smaller ones are less certain, which the ± tells.",
         "min_side_px",
         "says how small a sheet or a tag may appear",
