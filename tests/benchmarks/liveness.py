@@ -23,6 +23,8 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decision import EventKind
+from stadimeter.core.frame import Image
+from support.changed_pictures import KINDS, ChangedCamera
 
 WORLD = """
 [camera]
@@ -63,6 +65,12 @@ TEMPLATE = """Milliseconds: median / p95 / worst.
 | the sensor froze | stopped | commanded to stand | wheels stand | furthest |
 | --- | --- | --- | --- | --- |
 {rows}
+
+Seconds, over {replays} runs each: median / worst.
+
+| old pictures in which something changes | ahead, within 2 s | ahead | turning, within 2 s | turning | furthest |
+| --- | ---: | ---: | ---: | ---: | ---: |
+{changed}
 
 False stops in rooms with texture: {false_stops} in {walks} walks of 10 min; {rate}
 Said to be too plain: {wrongly_plain} of {walks} rooms with texture, {rightly_plain} of {plain} plain ones
@@ -129,6 +137,64 @@ def freeze(job: tuple[int, str, str, bool]) -> Stop:
     return Stop(commanded_s, stood_s, drove_m)
 
 
+def replay(job: tuple[int, str, str, bool]) -> Stop:
+    """Run once with a camera that shows old pictures in which something changes, while it drives ahead or turns."""
+    number, kind, base, is_turning = job
+    rng = np.random.default_rng((number, 13))
+    settings = {
+        "rate_hz": 30, "room": "textured", "noise": rng.uniform(0.5, 5.0), "detector": BALL, "base": base,
+        "speed_mps": rng.uniform(0.1, 0.4), "path": _path(rng, is_turning=is_turning),
+    }  # fmt: skip
+    fails_s = rng.uniform(3.0, 4.5)
+    elsewhere = _pictures(make_loop(seed=number + 501, **settings), 12.0) if "elsewhere" in kind else []
+    loop = make_loop(seed=number + 1, **settings)
+    _change(loop, kind, fails_s, elsewhere)
+    cycles = _cycles(loop, fails_s + 6.0)
+    drove_m = sum(abs(speed_mps) / 30 for at_s, _, speed_mps in cycles if at_s >= fails_s)
+    commanded_s, stood_s = (end_s([(each[0], each[column]) for each in cycles], fails_s) for column in (1, 2))
+    return Stop(commanded_s, stood_s, drove_m)
+
+
+def _path(rng: np.random.Generator, *, is_turning: bool) -> str:
+    """Return the path of a ball that keeps ahead of the robot, or that circles around it."""
+    if is_turning:
+        radius_m, turn_radps = rng.uniform(1.2, 2.5), rng.choice((-1, 1)) * rng.uniform(0.2, 0.6)
+        times_s = np.arange(0.0, 20.0, 0.5)
+        return path_of(
+            [(at, radius_m * math.cos(turn_radps * at), radius_m * math.sin(turn_radps * at)) for at in times_s]
+        )
+    aside_rad, begin_m, end_m = rng.uniform(-0.35, 0.35), rng.uniform(2.0, 3.5), rng.uniform(8.0, 12.0)
+    x, y = math.cos(aside_rad), math.sin(aside_rad)
+    return path_of([(0.0, begin_m * x, begin_m * y), (20.0, end_m * x, end_m * y)])
+
+
+def _change(loop: Loop, kind: str, fails_s: float, elsewhere: Sequence[Image]) -> ChangedCamera:
+    capture: Any = loop.parts.capture
+    capture._camera = ChangedCamera(capture._camera, kind, fails_s, elsewhere)
+    return capture._camera
+
+
+def _pictures(loop: Loop, seconds: float) -> list[Image]:
+    camera = _change(loop, next(iter(KINDS)), math.inf, [])
+    loop.run(Limits(seconds=seconds))
+    return camera.taken
+
+
+def _cycles(loop: Loop, seconds: float) -> list[tuple[float, float, float]]:
+    """Run; return the time of each cycle, how fast the base was commanded to move, and how fast its wheels turned."""
+    world = loop.parts.shared.parts["world"]
+    cycles: list[tuple[float, float, float]] = []
+
+    def look(record: Any, _frame: object) -> None:
+        commanded = max((abs(each.linear_mps) + abs(each.angular_radps) for each in record.applied), default=0.0)
+        speed_mps = sum(abs(each) for each in world.robot.wheels_mps) / 2
+        cycles.append((record.observation.now_s, commanded, speed_mps))
+
+    loop.listeners.append(look)
+    loop.run(Limits(seconds=seconds))
+    return cycles
+
+
 def end_s(motion: Sequence[tuple[float, float]], begun_s: float) -> float:
     """Return how long after its beginning a motion ended for good."""
     last_s = max(at_s for at_s, value in motion if abs(value) > 0.001)
@@ -184,7 +250,17 @@ def row(words: str, stops: Sequence[Stop]) -> str:
     return f"| {' | '.join(cells)} | {100 * max(each.drove_m for each in stops):.0f} cm |"
 
 
-def measure(runs: int, hours: float, jobs: int) -> str:
+def changed_row(kind: str, ahead: Sequence[Stop], turning: Sequence[Stop]) -> str:
+    """Return a line of the table of old pictures in which something changes."""
+    cells = [kind]
+    for stops in (ahead, turning):
+        times_s = sorted(each.commanded_s for each in stops)
+        cells.append(f"{sum(each <= 2.0 for each in times_s)} of {len(times_s)}")
+        cells.append(f"{times_s[len(times_s) // 2]:.2f} / {times_s[-1]:.2f}")
+    return f"| {' | '.join(cells)} | {100 * max(each.drove_m for each in (*ahead, *turning)):.0f} cm |"
+
+
+def measure(runs: int, replays: int, hours: float, jobs: int) -> str:
     """Return the tables."""
     kinds = (
         ("while driving", "simulated", False, runs),
@@ -202,12 +278,25 @@ def measure(runs: int, hours: float, jobs: int) -> str:
             for words, base, early, count in kinds
             for fault in FAULTS
         ]
+        changed = [
+            (
+                kind,
+                [[pool.submit(replay, (n, kind, "simulated", way)) for n in range(replays)] for way in (False, True)],
+            )
+            for kind in KINDS
+        ]
+        of_kinds = [
+            changed_row(kind, *([each.result() for each in runs_of_it] for runs_of_it in ways))
+            for kind, ways in zip(KINDS, changed, strict=True)
+        ]
         rows = [row(words, [each.result() for each in results]) for words, results in stops]
         live, bare = [each.result() for each in walks], [each.result() for each in plain]
     false_stops, drove_s = sum(each.false_stops for each in live), sum(each.drove_s for each in live)
     low, high = interval(false_stops, drove_s / 3600)
     return TEMPLATE.format(
         rows="\n".join(rows),
+        replays=replays,
+        changed="\n".join(of_kinds),
         false_stops=false_stops,
         rate=f"it drove {drove_s / 3600:.1f} h; an hour of driving, with a confidence of 95 %: {low:.2f} to {high:.1f}",
         wrongly_plain=sum(each.is_said_plain for each in live),
@@ -220,10 +309,11 @@ def measure(runs: int, hours: float, jobs: int) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("--replays", type=int, default=10, help="of each kind of old pictures, ahead and turning")
     parser.add_argument("--hours", type=float, default=2.0)
     parser.add_argument("--jobs", type=int, default=2)
     given = parser.parse_args()
-    print(measure(given.runs, given.hours, given.jobs))
+    print(measure(given.runs, given.replays, given.hours, given.jobs))
 
 
 if __name__ == "__main__":

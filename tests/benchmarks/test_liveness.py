@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+import shutil
 
 import pytest
+
+from support.changed_pictures import KINDS, NEVER_TWICE
 
 
 @pytest.mark.long
@@ -25,6 +28,17 @@ def test_a_frozen_sensor_stops_the_wheels_within_half_a_second(fault: str) -> No
     stops = [freeze((number, fault, "simulated", False)) for number in range(3)]
     assert max(each.stood_s for each in stops) <= 0.5
     assert row("frozen", stops).startswith("| frozen | 3 of 3 | ")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("is_turning", [False, True], ids=["ahead", "turning"])
+@pytest.mark.parametrize("kind", [each for each in KINDS if each != NEVER_TWICE])
+def test_old_pictures_in_which_something_changes_stop_a_robot_within_two_seconds(kind: str, is_turning: bool) -> None:
+    from liveness import replay
+
+    if "H.264" in kind and not shutil.which("ffmpeg"):
+        pytest.skip("no ffmpeg")
+    assert replay((2, kind, "simulated", is_turning)).commanded_s <= 2.0
 
 
 def test_a_robot_that_never_stops_is_no_stop_of_the_table() -> None:

@@ -62,5 +62,32 @@ def test_backwards_and_forwards_is_no_way() -> None:
     assert ego.least_since(1.0, 1.9)[0] < 0.02
 
 
+def commanded(ego: EgoMotion, seconds: float, linear_mps: float, angular_radps: float) -> EgoMotion:
+    begun_s = ego.path[-1].at_s
+    for number in range(1, round(seconds / 0.02) + 1):
+        command = TwistCommand(output="base", linear_mps=linear_mps, angular_radps=angular_radps, captured_at_s=0.0)
+        ego = ego.step(begun_s + 0.02 * number, command, None)
+    return ego
+
+
+def test_a_robot_that_drives_on_and_turns_is_ever_further_from_where_it_was() -> None:
+    travel_m, turn_rad = driven(0.5, 0.5, 5.0).apart_since(1.0, 4.0)
+    assert travel_m == pytest.approx(0.85 * 1.5)
+    assert turn_rad == pytest.approx(0.85 * 1.5)
+
+
+def test_after_a_way_to_and_fro_or_one_right_round_it_may_be_where_it_was() -> None:
+    there_and_back = commanded(driven(0.5, 0.0, 4.0), 3.2, -0.5, 0.0)
+    assert there_and_back.least_since(0.5, 7.0)[0] > 0.1
+    assert there_and_back.apart_since(0.5, 7.0) == (0.0, 0.0)
+    assert driven(0.2, 1.0, 6.5).apart_since(0.2, 6.4) == (0.0, 0.0)
+
+
+def test_what_is_too_slow_to_count_may_have_moved_it_back() -> None:
+    ego = commanded(driven(0.0, 0.25, 2.0), 3.0, 0.0, -0.19)
+    assert ego.least_since(0.5, 5.0)[1] > 0.3
+    assert ego.apart_since(0.5, 5.0) == (0.0, 0.0)
+
+
 def test_the_path_is_forgotten_after_a_while() -> None:
-    assert len(driven(0.5, 0.0, 10.0).path) < 100
+    assert len(driven(0.5, 0.0, 60.0).path) < 1400

@@ -11,8 +11,9 @@ import pytest
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.picture_flow import PictureFlow
-from stadimeter.perception.picture_flow import MIN_BLOCKS, FlowMeter
+from stadimeter.perception.picture_flow import MIN_BLOCKS, REMEMBERED_MAX, REMEMBERED_S, FlowMeter
 from stadimeter.simulation.camera import Renderer
+from support.changed_pictures import Change, as_jpeg, brightness, clock, noise, shift
 from support.each_case import each_case
 
 LENS = CameraModel.with_focal_length(300.0, 320, 240)
@@ -67,7 +68,7 @@ def test_a_robot_that_moves_makes_the_picture_of_a_room_flow(
 @pytest.mark.parametrize("sigma", [0.0, 2.0, 5.0, 10.0])
 def test_however_strong_the_noise_a_picture_that_stands_still_does_not_flow(sigma: float) -> None:
     view = room(noise=0).render(None, 0.1, 0.0)
-    flow = flow_of(lambda number: add_noise(view, sigma, number))
+    flow = flow_of(lambda number: add_noise(view, sigma, number), pictures=46)
     assert len(flow.since) == 4
     for each in flow.since:
         assert abs(each.shift2_px2) <= 4 * each.sigma_px2 + 1e-9
@@ -105,6 +106,52 @@ def test_a_brightness_that_changes_is_no_flow() -> None:
     view = room(noise=0).render(None, 0.1, 0.0)
     flow = flow_of(lambda number: cv2.add(view, (number % 20,) * 3))
     assert max(shifts_px(flow)) < 0.1
+
+
+def looks_again(draw: Draw, *, is_slid: bool) -> list[float]:
+    """Return by how much three quarters of the blocks have flowed since an earlier picture, in the last looks of 50."""
+    meter, found = FlowMeter(), []
+    for number in range(50):
+        flow = meter.measure(Frame(draw(number), number / RATE_HZ, number), LENS)
+        found += [math.sqrt(max(0.0, each.shift2_px2)) for each in flow.again if each.is_slid is is_slid]
+    return found[-5:]
+
+
+@pytest.fixture(scope="module", params=[(0.3, 0.0), (0.2, 0.2)], ids=["ahead", "turning"])
+def live(request: pytest.FixtureRequest) -> list[Image]:
+    draw = drive(room(noise=2.0), *request.param)
+    return [draw(number) for number in range(50)]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("change", [clock, noise, as_jpeg, brightness, shift])
+def test_whatever_changes_in_old_pictures_they_stand_still_beside_themselves(live: list[Image], change: Change) -> None:
+    rng = np.random.default_rng(1)
+    old = looks_again(lambda number: change(live[number % 20], number, rng), is_slid=False)
+    new = looks_again(lambda number: change(live[number], number, rng), is_slid=False)
+    assert len(old) == len(new) == 5
+    assert np.median(old) < 0.6
+    assert min(new) > 0.8
+
+
+@pytest.mark.long
+def test_a_picture_that_is_scrolled_shows_no_drive_once_it_is_slid_back() -> None:
+    view = room(noise=0).render(None, 0.1, 0.0)
+    scrolled = looks_again(lambda number: add_noise(np.roll(view, number, axis=1), 2.0, number), is_slid=True)
+    driven = looks_again(drive(room(noise=2.0), 0.3, 0.2), is_slid=True)
+    assert max(scrolled) < 0.3
+    assert min(driven) > 0.8
+
+
+def test_pictures_are_known_again_for_a_while_and_then_forgotten() -> None:
+    pictures, meter = np.random.default_rng(4).integers(0, 255, (100, 40, 160, 3), np.uint8), FlowMeter()
+    lens, since_s = CameraModel.with_focal_length(150.0, 160, 40), []
+    for number in range(REMEMBERED_MAX + 50):
+        shown = pictures[number % 50 if number < 100 or number >= REMEMBERED_MAX else 50 + number % 50]
+        flow = meter.measure(Frame(shown, number / RATE_HZ, number), lens)
+        since_s += [number / RATE_HZ - each.since_s for each in flow.again if not each.is_slid]
+    assert min(since_s) >= 0.5
+    assert 20.0 < max(since_s) <= REMEMBERED_S
 
 
 def test_a_plain_room_has_no_texture_and_no_flow() -> None:

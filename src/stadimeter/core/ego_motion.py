@@ -11,8 +11,15 @@ from msgspec.structs import astuple
 from stadimeter.core.base_report import BaseReport
 from stadimeter.core.command import TwistCommand
 
-# Motion is remembered for this long: the oldest picture that a flow is measured from, and the lag before it.
-REMEMBERED_S = 1.6
+# Motion is remembered for this long: the oldest picture that a newer one is compared with, and the lag before it.
+REMEMBERED_S = 25.6
+
+# A way back may be longer or shorter than one forth that measures the same, by twice this share: motors, floors, slip.
+DOUBT_SHARE = 0.15
+
+# A robot that has turned by more than this may have turned right round: its track may be a third narrower than stated,
+# and its turn as much greater.
+MAX_TURN_RAD = 4.0
 
 # A wheel that seems to have run faster was counted anew: its base was opened again.
 MAX_WHEEL_MPS = 3.0
@@ -40,6 +47,8 @@ class RobotPose(Struct, frozen=True, kw_only=True):
         travel_m: How far it had driven by then, less what it drove back.
         turned_rad: By how much it had turned by then, at least, as a camera sees it that looks up or down: less, with
             the cosine of its tilt. The heading is the best guess.
+        doubt_m: How much it may have driven besides, or less, all that it was wrong by added up.
+        doubt_rad: The same of its turn.
         tilt_rad: How far its camera was tilted up. How far that makes the picture flow is not foretold: the flow is
             measured from what changes sideways.
     """
@@ -50,6 +59,8 @@ class RobotPose(Struct, frozen=True, kw_only=True):
     heading_rad: float = 0.0
     travel_m: float = 0.0
     turned_rad: float = 0.0
+    doubt_m: float = 0.0
+    doubt_rad: float = 0.0
     tilt_rad: float = 0.0
 
 
@@ -78,11 +89,14 @@ class EgoMotion(Struct, frozen=True, kw_only=True):
         told_rad = None if report is None else report.camera_tilt_rad
         tilt_rad = told_rad if told_rad is not None and math.isfinite(told_rad) else last.tilt_rad
         report, wheels_mps = self._read(report)
+        possible_mps, possible_radps = abs(linear_mps), abs(angular_radps)
         if report is None:
             linear_mps = linear_mps if abs(linear_mps) >= MIN_COMMAND_MPS else 0.0
             least_radps = angular_radps if abs(angular_radps) >= MIN_COMMAND_RADPS else 0.0
         else:
             left_mps, right_mps = wheels_mps if now_s - report.at_s <= REPORTED_S else (0.0, 0.0)
+            possible_mps = abs(left_mps + right_mps) / 2
+            possible_radps = abs(right_mps - left_mps) / MAX_TRACK_WIDTH_M
             # The distance between the wheels is the driver's affair, so the best guess of a turn is the commanded one.
             angular_radps = angular_radps if left_mps or right_mps else 0.0
             linear_mps = _lesser(linear_mps, (left_mps + right_mps) / 2)
@@ -95,6 +109,8 @@ class EgoMotion(Struct, frozen=True, kw_only=True):
             heading_rad=last.heading_rad + angular_radps * step_s,
             travel_m=last.travel_m + linear_mps * step_s,
             turned_rad=last.turned_rad + least_radps * step_s * math.cos(tilt_rad),
+            doubt_m=last.doubt_m + _doubt(linear_mps, possible_mps) * step_s,
+            doubt_rad=last.doubt_rad + _doubt(least_radps, possible_radps) * step_s,
             tilt_rad=tilt_rad,
         )
         first = bisect.bisect_left(self.path, now_s - REMEMBERED_S, key=lambda each: each.at_s)
@@ -125,6 +141,18 @@ class EgoMotion(Struct, frozen=True, kw_only=True):
             min(abs(end.turned_rad - begin.turned_rad) for begin, end in ends),
         )
 
+    def apart_since(self, since_s: float, until_s: float) -> tuple[float, float]:
+        """Return by how much it was, at two times long apart, in other places and directions, at least.
+
+        Unlike in `least_since` a way to and fro may be longer there than back, and it may have turned right round.
+        """
+        travel_m, turn_rad = self.least_since(since_s, until_s)
+        begin, end = self.at(since_s), self.at(until_s)
+        if abs(end.heading_rad - begin.heading_rad) > MAX_TURN_RAD:
+            return 0.0, 0.0
+        doubt_m, doubt_rad = end.doubt_m - begin.doubt_m, end.doubt_rad - begin.doubt_rad
+        return max(0.0, travel_m - doubt_m), max(0.0, turn_rad - doubt_rad)
+
     def at(self, time_s: float) -> RobotPose:
         """Return where it was at a time, between the points of its path; before the path, where that begins."""
         index = bisect.bisect_right(self.path, time_s, key=lambda each: each.at_s)
@@ -140,6 +168,11 @@ class EgoMotion(Struct, frozen=True, kw_only=True):
 
 def _is_of_wheels(report: BaseReport) -> bool:
     return all(value is not None and math.isfinite(value) for value in (report.left_m, report.right_m))
+
+
+def _doubt(least: float, possible: float) -> float:
+    """Return by how much a speed may be wrong that was taken for the least that is possible."""
+    return DOUBT_SHARE * abs(least) + max(0.0, possible - abs(least))
 
 
 def _lesser(commanded: float, reported: float) -> float:

@@ -12,6 +12,11 @@ this, the target is the second line: see `target_innovation`.
 
 With a picture that is found to stand still, everything stops until the run is armed again: the camera is frozen, or the
 robot pushes against something while its wheels slip; neither is a reason to drive on.
+
+Old pictures that come again flow as they once did. So the newest picture is also compared with those of the last 25 s
+that it looks like: if it stands still beside one that was taken elsewhere, it is that picture, whatever has been drawn
+over it or become of it. Where the robot has not moved on since, nothing is claimed: views come again there by right. A
+scrolled picture is found in the same way, once it is slid back: no drive is left in it.
 """
 
 from __future__ import annotations
@@ -42,6 +47,18 @@ MAX_FLOW_PX = 1.0
 # A picture stands still if it flows by less than this share of what is expected: depths differ, motors are slow.
 STILL_SHARE = 0.4
 
+# A picture that has come again was taken elsewhere if it would have flowed since by this at least: after 6 cm of a way
+# in a room, or 0.2° of a turn. What would have flowed by the greater one may be shifted by a pixel as well.
+MIN_APART_PX = 0.4
+MAX_APART_PX = 2.0
+
+# It stands still if three quarters of its blocks flow by less than this share of that. Those of live pictures flowed by
+# twice the share and more, in 20 min of walks through rooms.
+AGAIN_SHARE = 0.6
+
+# That it has come again is believed after three clear looks, or more that are less clear.
+AGAIN_SCORE = 7.5
+
 # A look that could not tell standing from flowing by this many standard deviations says nothing.
 MIN_SIGMAS = 2.0
 
@@ -65,12 +82,15 @@ class LivenessState(Struct, frozen=True, kw_only=True):
     Attributes:
         ego: How the robot has moved.
         score: How sure it is that the picture stands still although the wheels turn, 0 and more.
+        again_scores: How sure it is that pictures have come again that were taken elsewhere, 0 and more: as they were,
+            and slid.
         targets: How each target appeared, against the robot's motion.
         may_act: Whether outputs might act in the cycle before.
     """
 
     ego: EgoMotion = EgoMotion()
     score: float = 0.0
+    again_scores: tuple[float, float] = (0.0, 0.0)
     targets: Mapping[str, TargetInnovation] = field(default_factory=dict)
     may_act: bool = False
 
@@ -90,26 +110,54 @@ def step_liveness(
     if not is_new or observation.flow is None or observation.frame is None:
         return state, ""
     score, still = _step_score(state, observation.flow, observation.frame.captured_at_s)
+    again_scores, again = _step_again(state, observation.flow, observation.frame.captured_at_s)
     # Range sensors measure at times of their own, and show what stands before the robot wherever it turns.
     at_s = observation.frame.captured_at_s
     of_camera = tuple([seen for seen in observation.measurements if seen.captured_at_s == at_s])
     targets, unmoved = _step_targets(state, of_camera)
     # What was found is found anew after the run is armed again, and not from what was before.
-    cause = still or unmoved
-    return replace(state, score=0.0 if cause else score, targets={} if cause else targets), cause
+    if cause := still or again or unmoved:
+        return replace(state, score=0.0, again_scores=(0.0, 0.0), targets={}), cause
+    return replace(state, score=score, again_scores=again_scores, targets=targets), ""
 
 
 def _step_score(state: LivenessState, picture: PictureFlow, at_s: float) -> tuple[float, str]:
     """Judge the youngest look that can tell; return the score, and why the picture is not believed."""
     for flow in picture.since:
         travel_m, turn_rad = state.ego.least_since(flow.since_s, at_s)
-        if (sigmas := _still_sigmas(flow, travel_m, turn_rad, at_s)) is None:
+        expected_px = _expected_px(flow, travel_m, turn_rad)
+        step_px = flow.focal_px * turn_rad * flow.step_s / max(at_s - flow.since_s, flow.step_s)
+        if expected_px < MIN_FLOW_PX or step_px > MAX_STEP_PX:
             continue
-        score = max(0.0, state.score + max(-MAX_SCORE, min(MAX_SCORE, sigmas)) - DRIFT)
+        if (sigmas := _still_sigmas(flow, STILL_SHARE * min(expected_px, MAX_FLOW_PX))) is None:
+            continue
+        score = _added(state.score, sigmas)
         way = f"{1e2 * travel_m:.0f} cm and {turn_rad:.2f} rad in {at_s - flow.since_s:.2f} s"
         cause = f"the picture stands still while the wheels turn ({way}): it is frozen, or the wheels slip"
         return score, cause if score >= STOP_SCORE else ""
     return state.score, ""
+
+
+def _step_again(state: LivenessState, picture: PictureFlow, at_s: float) -> tuple[tuple[float, float], str]:
+    """Judge the picture of long ago that the newest looks like; return the scores, and why it is not believed."""
+    as_it_was, slid = state.again_scores
+    for flow in picture.again:
+        travel_m, turn_rad = state.ego.apart_since(flow.since_s, at_s)
+        expected_px = min(_expected_px(flow, travel_m, turn_rad), MAX_APART_PX)
+        if expected_px < MIN_APART_PX or (sigmas := _still_sigmas(flow, AGAIN_SHARE * expected_px)) is None:
+            continue
+        if flow.is_slid:
+            slid = score = _added(slid, sigmas)
+        else:
+            as_it_was = score = _added(as_it_was, sigmas)
+        if score >= AGAIN_SCORE:
+            way = f"{at_s - flow.since_s:.1f} s ago, and {1e2 * travel_m:.0f} cm and {turn_rad:.2f} rad from here"
+            return (as_it_was, slid), f"old pictures have come again: this one is of {way} at least"
+    return (as_it_was, slid), ""
+
+
+def _added(score: float, sigmas: float) -> float:
+    return max(0.0, score + max(-MAX_SCORE, min(MAX_SCORE, sigmas)) - DRIFT)
 
 
 def _step_targets(
@@ -129,16 +177,18 @@ def _step_targets(
     return targets, ""
 
 
-def _still_sigmas(flow: FlowSince, travel_m: float, turn_rad: float, at_s: float) -> float | None:
-    """Return how sure it is that a picture stands still, in standard deviations; below 0 if it flows.
+def _expected_px(flow: FlowSince, travel_m: float, turn_rad: float) -> float:
+    """Return by how much a picture flows at least when the robot has driven and turned."""
+    of_turn_px = 0.0 if flow.is_slid else flow.focal_px * turn_rad
+    return max(of_turn_px, flow.aside_px * travel_m / ROOM_DEPTH_M)
 
-    None if this look does not say so: too little motion, too much noise, too fast a turn.
+
+def _still_sigmas(flow: FlowSince, still_px: float) -> float | None:
+    """Return how sure it is that a picture flows by less than this, in standard deviations; below 0 if by more.
+
+    None if this look does not say so, for too much noise.
     """
-    expected_px = max(flow.focal_px * turn_rad, flow.aside_px * travel_m / ROOM_DEPTH_M)
-    step_px = flow.focal_px * turn_rad * flow.step_s / max(at_s - flow.since_s, flow.step_s)
-    if expected_px < MIN_FLOW_PX or step_px > MAX_STEP_PX:
-        return None
-    still_px2 = (STILL_SHARE * min(expected_px, MAX_FLOW_PX)) ** 2
+    still_px2 = still_px**2
     # Pictures that are equal to the last bit scatter by nothing at all.
     sigma_px2 = max(flow.sigma_px2, 1e-6)
     is_clear = still_px2 >= MIN_SIGMAS * sigma_px2 or flow.shift2_px2 >= still_px2

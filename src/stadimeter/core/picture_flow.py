@@ -17,6 +17,7 @@ class FlowSince(Struct, frozen=True, kw_only=True):
         shift2_px2: The square of the shift, as a median over the blocks with texture. Noise that is new in each picture
             adds nothing to it, so it may be below 0 for a picture that stands still.
         sigma_px2: Standard deviation of that median, from how the blocks scatter.
+        is_slid: Whether the earlier picture was slid over this one first, so that no turn of the camera is left in it.
     """
 
     since_s: float
@@ -26,6 +27,7 @@ class FlowSince(Struct, frozen=True, kw_only=True):
     blocks: int
     shift2_px2: float
     sigma_px2: float
+    is_slid: bool = False
 
 
 class PictureFlow(Struct, frozen=True, kw_only=True):
@@ -34,7 +36,10 @@ class PictureFlow(Struct, frozen=True, kw_only=True):
     Attributes:
         textured: The share of its blocks that have texture, 0 to 1.
         since: Its flow since earlier pictures; empty while there are none.
+        again: Its flow since the pictures of long ago that look most like it; here of three blocks in four, in place of
+            the median.
     """
 
     textured: float
     since: tuple[FlowSince, ...] = ()
+    again: tuple[FlowSince, ...] = ()
