@@ -125,7 +125,7 @@ def step_alarm(
     else:
         _with_verdict(evaluation, holds, verdict.held, sample)
     stand(evaluation)
-    rest = None if is_awaited else _rest(evaluation, before.record, holds)
+    rest = None if is_awaited else _rest(evaluation, before.record, holds, verdict.held)
     return Stepped(_step(before, evaluation, bases, holds), evaluation.events, evaluation.notices, rest)
 
 
@@ -208,7 +208,7 @@ def _step(before: AlarmStep, evaluation: Evaluation, bases: Container[str], hold
     return AlarmStep(trace=trace, requests=requests, record=record)
 
 
-def _rest(evaluation: Evaluation, before: AlarmRecord, holds: bool | None) -> Rest | None:
+def _rest(evaluation: Evaluation, before: AlarmRecord, holds: bool | None, held: tuple[bool, ...]) -> Rest | None:
     """Return for how long an alarm is quiescent, that is, an evaluation would change nothing; None for not at all.
 
     Nothing else decides that. `Quiescence` keeps the answer, and wakes the alarm when it is over.
@@ -216,9 +216,10 @@ def _rest(evaluation: Evaluation, before: AlarmRecord, holds: bool | None) -> Re
     Args:
         before: What the alarm remembered before this cycle.
         holds: Whether its condition holds; None if that is not known.
+        held: Whether each part of it does. After a refused frame, which counts neither way, the next one may change it.
     """
     record = evaluation.record
-    is_changing = holds is not None and not machine.is_settled(record, holds, record.timers.leaves)
+    is_changing = holds is not None and not machine.is_settled(record, holds, held)
     if is_changing or record.resumed is not None:
         return None
     due = due_s(evaluation)
