@@ -70,6 +70,14 @@ class MqttListener:
         self._client.loop_stop()
         self._client.on_message = self._client.on_subscribe = None
 
+    def drain(self) -> None:
+        """Wait until everything is heard that the broker had acknowledged by now: it passes messages on in order."""
+        with self._changed:
+            topic = f"drained/{len(self._heard)}"
+            self._client.publish(topic, qos=1)
+            drained = self._changed.wait_for(lambda: any(each.topic == topic for each in self._heard), WAIT_S)
+        assert drained, "the broker does not pass on what it has"
+
     @property
     def heard(self) -> list[Heard]:
         """Everything so far, in order."""
