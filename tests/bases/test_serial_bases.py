@@ -137,6 +137,25 @@ def test_a_stop_right_behind_a_command_is_obeyed(bench: Bench) -> None:
     assert bench.driven_mps == 0.0
 
 
+def test_a_command_that_has_to_wait_goes_out_once_the_line_is_free(bench: Bench) -> None:
+    bench.drive(0.3)
+    bench.command(0.3)
+    bench.command(0.2)
+    accepted = bench.bench.command(bench.base, 0.1)
+    assert accepted.linear_mps == pytest.approx(0.1, rel=0.02)
+    bench.pass_time(0.05)
+    assert bench.driven_mps == pytest.approx(0.1, rel=0.02)
+
+
+@pytest.mark.parametrize("stop", ["by command", "at once"])
+def test_a_stop_takes_back_a_command_that_waits(bench: Bench, stop: str) -> None:
+    bench.command(0.3)
+    bench.command(0.2)
+    bench.command(0.0) if stop == "by command" else bench.base.stop()
+    bench.pass_time(0.2)
+    assert bench.driven_mps == 0.0
+
+
 def test_closing_right_behind_a_command_stops_it(bench: Bench) -> None:
     bench.drive(0.3)
     bench.command(0.3)

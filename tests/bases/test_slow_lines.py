@@ -169,11 +169,19 @@ def test_a_command_that_is_not_answered_is_followed_by_a_stop_and_one_that_is_lo
         assert bench.wheels_mps == pytest.approx((0.3, 0.3), rel=0.02)
 
 
-def test_what_is_left_out_is_not_said_to_be_done() -> None:
-    _, table = KINDS["ros-arduino-bridge"]
-    with base_bench("ros-arduino-bridge") as bench, opened(bench, track_width="16 cm", **table) as base:
-        first = bench.command(base, 0.3)
-        assert bench.command(base, 0.1) == first
+def test_a_command_that_a_silent_board_must_not_hear_is_not_said_to_be_done() -> None:
+    _, table = KINDS["roboclaw"]
+    with base_bench("roboclaw") as bench, opened(bench, track_width="16 cm", **table) as base:
+        bench.drive(base, 0.3)
+        bench.firmware.silent = True
+        bench.command(base, 0.3)
+        bench.pass_time(base, DOUBTED_AFTER_S + STEP_S)
+        assert base._awaited.must_be_quiet
+        assert not bench.command(base, 0.1).moves
+        bench.firmware.silent = False
+        with suppress(DriverError):
+            bench.pass_time(base, 2.0)
+        assert bench.firmware.left.driven_mps == 0.0
 
 
 @pytest.mark.parametrize("baud", [2400, 9600])

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from stadimeter.bases.acknowledgements import Acknowledgements, Unacknowledged
 from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelSpeeds
-from stadimeter.bases.serial_codec import Answers, BaseMessage, SerialCodec
+from stadimeter.bases.serial_codec import Answers, BaseMessage, SerialCodec, WheelCommand
 from stadimeter.bases.serial_greeting import TAKES_EFFECT_S, Greeting
 from stadimeter.bases.serial_link import SerialLink, port_lacks
 from stadimeter.config.plugins import PORTS, DriverContext, DriverOptions, SerialStop, driver_names
@@ -156,8 +156,8 @@ class SerialBase:
     """A `MobileBase` over a serial port.
 
     Every command is one write, and nothing waits in a queue: a port that does not take a frame, or does not send it, is
-    an error. A command that drives is left out while one before it is on its way: the loop commands again within 50 ms,
-    and a line that is slower than commands come would have them obeyed late.
+    an error. A command that drives waits while one before it is on its way, since a line that is slower than commands
+    come would have them obeyed late. The newest takes the place of one that waits, and a stop of any.
     """
 
     def __init__(self, options: SerialBaseOptions, context: DriverContext) -> None:
@@ -191,7 +191,8 @@ class SerialBase:
     def apply(self, command: TwistCommand) -> TwistCommand:
         """Move as commanded.
 
-        The speeds returned are those sent: limited along the same curve, and rounded to what its protocol can say.
+        The speeds returned are those that are sent, at once or as soon as the line is free: limited along the same
+        curve, and rounded to what its protocol can say.
 
         Raises:
             LinkLostError: The port is gone, takes or sends no bytes, or answers are missing or late.
@@ -206,15 +207,16 @@ class SerialBase:
         encoded = self._codec.encode(WheelSpeeds(left_mps=left_mps, right_mps=right_mps))
         is_stop = encoded.sent == STANDING
         is_first_stop = is_stop and self._sent != STANDING
+        self._waiting = None if is_stop or self._awaited.must_be_quiet else encoded
         if not self._awaited.must_be_quiet and (is_first_stop or self._is_free(link, now_s)):
             self._send(link, encoded.frame, now_s, encoded.sent)
-        said = STANDING if is_stop else self._sent
+        said = STANDING if is_stop else self._waiting.sent if self._waiting else self._sent
         left_mps, right_mps = self._options.to_wheels(said.left_mps, said.right_mps)
         sent = self._drive.motion(WheelSpeeds(left_mps=left_mps, right_mps=right_mps))
         return replace(command, linear_mps=sent.linear_mps, angular_radps=sent.angular_radps, tilt_radps=0.0)
 
     def tick(self, now_s: float) -> None:
-        """Read answers, ask for reports, and send a stop where one or a command may not have arrived.
+        """Read answers, send the command that waits, ask for reports, and send a stop where one may not have arrived.
 
         Stops are repeated also over a link that is lost.
         """
@@ -224,6 +226,8 @@ class SerialBase:
             self._awaited.repeating()
             self._send(link, self._codec.stop, now_s)
         self._check_line(link, now_s)
+        if self._waiting and not self._awaited.must_be_quiet and self._is_free(link, now_s):
+            self._send(link, self._waiting.frame, now_s, self._waiting.sent)
         if self._sent == STANDING or now_s - self._commanded_s < POLLED_AFTER_COMMAND_S:
             self._poll(link, now_s)
 
@@ -234,6 +238,7 @@ class SerialBase:
     def stop(self) -> None:
         """Stand still at once. Does nothing when closed."""
         now_s = self._clock.now_s()
+        self._waiting = None
         if self._link and not self._awaited.must_be_quiet:
             self._send(self._link, self._codec.stop, now_s)
 
@@ -264,6 +269,7 @@ class SerialBase:
         self._polled_s = -math.inf
         self._left_s = self._commanded_s = now_s
         self._sent = STANDING
+        self._waiting: WheelCommand | None = None
         self._frame_cut_short = False
         self._refusals_to_ignore = 0
         self._report: BaseReport | None = None
@@ -289,6 +295,7 @@ class SerialBase:
             self._left_s = now_s
             frame = self._after_a_cut(frame, now_s)
         self._awaited.sent(now_s, stop=says == STANDING)
+        self._waiting = None
         self._commanded_s, self._sent = now_s, says
         self._write(link, frame)
 
