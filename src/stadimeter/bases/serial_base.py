@@ -166,6 +166,7 @@ class SerialBase:
         self._clock = context.clock
         self._drive = options.kinematics()
         self._link: SerialLink | None
+        self._waiting: WheelCommand | None
         self._begin(None, options.codec())
 
     def open(self) -> None:
@@ -269,7 +270,7 @@ class SerialBase:
         self._polled_s = -math.inf
         self._left_s = self._commanded_s = now_s
         self._sent = STANDING
-        self._waiting: WheelCommand | None = None
+        self._waiting = None
         self._frame_cut_short = False
         self._refusals_to_ignore = 0
         self._report: BaseReport | None = None
