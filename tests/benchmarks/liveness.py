@@ -286,8 +286,7 @@ def measure(runs: int, replays: int, hours: float, jobs: int) -> str:
             for kind in KINDS
         ]
         of_kinds = [
-            changed_row(kind, *([each.result() for each in runs_of_it] for runs_of_it in ways))
-            for kind, ways in zip(KINDS, changed, strict=True)
+            changed_row(kind, *([each.result() for each in of_way] for of_way in ways)) for kind, ways in changed
         ]
         rows = [row(words, [each.result() for each in results]) for words, results in stops]
         live, bare = [each.result() for each in walks], [each.result() for each in plain]
