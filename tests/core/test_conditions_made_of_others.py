@@ -1,14 +1,13 @@
 """Whether a condition holds that is made of others: three-valued, and with a memory for each part."""
 
 import itertools
-import math
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stadimeter.core.condition_words import describe_verdict
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not, judge, judged_by_cycle, judged_leaves, leaves
-from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.discrete import RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.track import Track, TrackStatus
@@ -184,12 +183,6 @@ def test_parts_are_listed_with_how_they_are_judged():
     ]
     assert [part.is_on for part in judged_leaves(condition, (True, False), is_active=True)] == [True, False]
     assert [part.leaf for part in judged_leaves(condition, (), is_active=False)] == list(leaves(condition))
-
-
-def test_it_is_due_when_its_first_part_is():
-    waits = [PresenceCondition(seen=True, for_s=for_s, target="ball") for for_s in (30.0, 12.0, 5.0)]
-    assert judge(any_of(*waits), seeing(), (), is_active=True).rest.due_s == 12.0
-    assert judge(near(), seeing(), (), is_active=False).rest.due_s == math.inf
 
 
 def test_one_part_that_goes_by_cycles_makes_the_whole_do_so():

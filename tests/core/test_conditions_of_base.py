@@ -1,7 +1,5 @@
 """Conditions on what the base reports: its bumper, what is below it, its battery."""
 
-import math
-
 import pytest
 
 from stadimeter.core.base_report import BaseReport
@@ -37,16 +35,6 @@ def test_a_low_battery_is_not_full_again_because_a_motor_let_it_go():
     assert LOW.holds(inputs(battery_v=11.0), is_on=False) is False
     assert LOW.holds(inputs(battery_v=11.0 + BATTERY_DEADBAND_V / 2), is_on=True) is True
     assert LOW.holds(inputs(battery_v=11.0 + 1.1 * BATTERY_DEADBAND_V), is_on=True) is False
-
-
-@each_case("is_on", [False, True])
-@each_case("battery_v", [None, 0.0, 10.9, 11.0, 11.2, 11.4, 13.0])
-def test_within_its_rest_interval_a_battery_stays_as_it_was_judged(battery_v, is_on):
-    ((figure, low, high),) = LOW.rest(inputs(battery_v=battery_v), is_on).intervals
-    assert low <= figure.read(inputs(battery_v=battery_v), *figure.of) <= high
-    for end in (low, high):
-        if math.isfinite(end) and abs(end) < 100:
-            assert LOW.holds(inputs(battery_v=end), is_on) is LOW.holds(inputs(battery_v=battery_v), is_on)
 
 
 def test_they_are_worded_with_their_figures():

@@ -173,6 +173,6 @@ SEEDS = [(*range(15), 253), pytest.param(range(15, 300), marks=pytest.mark.long)
 
 @pytest.mark.parametrize("seeds", SEEDS)
 @pytest.mark.parametrize("is_aimed", [False, True])
-def test_a_rule_that_rests_does_what_it_would_do_if_it_were_judged(seeds, is_aimed):
+def test_an_alarm_that_stays_as_it_is_decides_in_two_ways_alike(seeds, is_aimed):
     runs = {seed: with_settings(random_run(seed, is_aimed=is_aimed), seed) for seed in seeds}
     assert {seed: found[0] for seed, run in runs.items() if (found := first_difference(run))} == {}

@@ -50,9 +50,8 @@ def run_at(distance_m, *rules):
 # A threshold
 
 
-def test_a_quiescent_rule_is_judged_by_its_new_threshold_in_the_cycle_that_sets_it_and_raised_by_the_next_frame():
+def test_a_rule_that_rests_is_judged_by_its_new_threshold_in_the_cycle_that_sets_it_and_raised_by_the_next_frame():
     run = run_at(1.5)
-    assert not run.state.rules.quiescence.active
     answer = run.tell("set-threshold", "near", by="zoe", why="the dog", value=2.0)
     assert (answer.accepted, answer.words) == (True, "set-threshold: near")
     assert run.see(1.5).commands[0].level == 1.0

@@ -24,7 +24,7 @@ from support.whole_runs import whole_run
 
 
 @pytest.mark.parametrize("seeds", [range(8), pytest.param(range(8, 500), marks=pytest.mark.long)])
-def test_with_all_kinds_at_once_the_scheduler_decides_as_if_every_rule_was_judged_in_every_cycle(seeds):
+def test_with_all_kinds_at_once_the_two_ways_of_an_alarm_decide_alike(seeds):
     assert {seed: found for seed in seeds if (found := first_difference(whole_run(seed)))} == {}
 
 

@@ -265,7 +265,8 @@ def _presence_words(leaf: PresenceCondition, inputs: RuleInputs) -> str:
 def _count_words(leaf: CountCondition, inputs: RuleInputs) -> str:
     pairs = (("at least", leaf.at_least), ("at most", leaf.at_most))
     thresholds = [f"{word} {limit}" for word, limit in pairs if limit is not None]
-    words = f"{counted:.0f}" if (counted := leaf.count(inputs)) >= 0 else "unknown how many"
+    counted = leaf.count(inputs)
+    words = "unknown how many" if counted is None else f"{counted}"
     return f"{words} of {len(leaf.targets or inputs.tracks)} {leaf.where}, {' and '.join(thresholds)}"
 
 

@@ -94,7 +94,7 @@ def initial_state(plan: Plan) -> State:
         plan=plan,
         tracks=tuple(new_track(target) for target in plan.targets),
         rules=rules,
-        motions=motions_for(rules.layout.watch.motions),
+        motions=motions_for(rules.layout.motions),
         outputs=tuple(new_output(output) for output in plan.outputs),
         disarmed="" if plan.safety.arm == "at-start" else AT_START,
         figures=(Summary(),) * len(plan.figures),
@@ -265,7 +265,7 @@ def _rule_inputs(
 
 def _with_motions(inputs: RuleInputs, state: State, tracked: tuple[TrackState, ...]) -> RuleInputs:
     """Add how targets move across the line of sight, for those that some rule asks it of."""
-    before = motions_for(state.rules.layout.watch.motions) if inputs.is_after_gap else state.motions
+    before = motions_for(state.rules.layout.motions) if inputs.is_after_gap else state.motions
     if state.plan.nearest:  # another member has another motion
         members = {each.track.target: each.member for each in state.tracks}
         others = {each.track.target for each in tracked if each.member != members[each.track.target]}

@@ -66,7 +66,7 @@ def reload(state: State, plan: Plan) -> ReloadedState:
             state,
             plan=plan,
             rules=rules,
-            motions=motions_for(rules.layout.watch.motions, state.motions),
+            motions=motions_for(rules.layout.motions, state.motions),
             figures=tuple(figures.get(figure, Summary()) for figure in plan.figures),
             due=state.due + _clear_dropped(now, old, gone) + tuple(event for _, events in renewed for event in events),
         ),

@@ -232,7 +232,7 @@ def read_state(text: str, state: State) -> State:
         disagreeing=was.disagreeing,
         disarmed=was.disarmed,
         liveness=was.liveness,
-        motions=motions_for(rules.layout.watch.motions, was.motions),
+        motions=motions_for(rules.layout.motions, was.motions),
         figures=tuple(was.figures.get(meaning_of(figure), Summary()) for figure in plan.figures),
     )
 

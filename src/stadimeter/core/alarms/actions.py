@@ -12,7 +12,7 @@ from stadimeter.core.alarms.machine import AlarmRecord, AlarmState, Trigger
 from stadimeter.core.alarms.state import NO_INHIBITS, Leg
 from stadimeter.core.condition_words import describe_verdict
 from stadimeter.core.conditions.compounds import Condition, Verdict, judge
-from stadimeter.core.conditions.leaf import Rest, RuleInputs
+from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, Severity
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, EscalationStep, Pattern
 from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
@@ -29,7 +29,6 @@ _GOOD_NEWS = frozenset(
     }
 )
 _NO_TRACK = Track(target="")
-_ALWAYS = Rest()
 
 
 class Evaluation:
@@ -40,10 +39,9 @@ class Evaluation:
         record: What the alarm remembers, a copy that the evaluation changes.
         inputs: All that the rule is judged by.
         is_first: Whether no other alarm of its group has been raised.
-        rest: For how long all verdicts stay as they are; None for not at all.
     """
 
-    __slots__ = ("_state", "_was_chattering", "events", "inputs", "is_first", "notices", "record", "rest", "rule")
+    __slots__ = ("_state", "_was_chattering", "events", "inputs", "is_first", "notices", "record", "rule")
 
     def __init__(self, rule: AlarmRule, before: AlarmRecord, inputs: RuleInputs, *, is_first: bool = False) -> None:
         self.rule = rule
@@ -52,18 +50,12 @@ class Evaluation:
         self.is_first = is_first
         self.events: tuple[Event, ...] = ()
         self.notices: tuple[Notice, ...] = ()
-        self.rest: Rest | None = _ALWAYS
         self._state = before.state
         self._was_chattering = before.is_chattering
 
     def judge(self, condition: Condition, leaves: tuple[bool, ...], *, is_active: bool) -> Verdict:
         """Judge a condition that the alarm goes by, given what it remembers of its parts."""
-        verdict = judge(condition, self.inputs, leaves, is_active=is_active)
-        if self.rest is _ALWAYS:
-            self.rest = verdict.rest
-        elif self.rest is not None:
-            self.rest = self.rest & verdict.rest if verdict.rest is not None else None
-        return verdict
+        return judge(condition, self.inputs, leaves, is_active=is_active)
 
     @property
     def is_quiet(self) -> bool:
@@ -77,11 +69,6 @@ class Evaluation:
             or inhibits.is_out_of_service
             or inhibits.shelved_until_s is not None
         )
-
-    @property
-    def has_patterns(self) -> bool:
-        """Whether a level that the alarm asks for changes by itself."""
-        return self.rule.pattern is not None or any(step.pattern is not None for step in self.rule.escalation)
 
     def report(self, reason: str = "", by: str = "") -> None:
         """Report a raise, a return, or chattering, if the machine has brought one about since the last report.
@@ -186,20 +173,6 @@ def requests_of(evaluation: Evaluation, before: tuple[Request, ...], bases: Cont
     return before if requests == before else requests
 
 
-def due_s(evaluation: Evaluation) -> float:
-    """Return when a timer of an alarm fires, infinite for never. Those of its conditions are theirs."""
-    record, rule = evaluation.record, evaluation.rule
-    due = machine.due_s(rule, record, evaluation.inputs.now_s)
-    if record.inhibits.shelved_until_s is not None:
-        due = min(due, record.inhibits.shelved_until_s)
-    if record.is_active:
-        if rule.realarm_s is not None and record.reported_at_s is not None:
-            due = min(due, record.reported_at_s + rule.realarm_s)
-        if record.owes_notice and not evaluation.is_quiet:
-            due = min(due, _cooled_down_at_s(evaluation))
-    return min(due, _escalation_due_s(evaluation))
-
-
 def _cooled_down_at_s(evaluation: Evaluation) -> float:
     notified_at_s = evaluation.record.notified_at_s
     return -math.inf if notified_at_s is None else notified_at_s + evaluation.rule.cooldown_s
@@ -298,18 +271,6 @@ def _unsent(evaluation: Evaluation) -> Iterator[tuple[int, EscalationStep]]:
         has_moment = step.send is not None or step.when is not None
         if has_moment and step.on == leg.on and position not in leg.sent:
             yield position, step
-
-
-def _escalation_due_s(evaluation: Evaluation) -> float:
-    """Return when the next step of the escalation begins or ends."""
-    leg, now_s = evaluation.record.leg, evaluation.inputs.now_s
-    if leg is None or not evaluation.rule.escalation:
-        return math.inf
-    due = [leg.began_s + step.after_s for _, step in _unsent(evaluation)]
-    for step in evaluation.rule.escalation:
-        if step.output is not None and step.on == leg.on:
-            due += [leg.began_s + step.after_s, leg.began_s + step.after_s + step.for_s]
-    return min((at_s for at_s in due if at_s > now_s + ROUNDING_S), default=math.inf)
 
 
 def _requests(evaluation: Evaluation, bases: Container[str]) -> Iterator[Request]:

@@ -5,7 +5,6 @@ A cycle judges the condition, hands the verdict to the machine (`machine`), and 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Container
 from typing import NamedTuple
 
@@ -13,14 +12,14 @@ from msgspec import field
 from msgspec.structs import replace
 
 from stadimeter.core.alarms import machine
-from stadimeter.core.alarms.actions import Evaluation, due_s, requests_of, stand
+from stadimeter.core.alarms.actions import Evaluation, requests_of, stand
 from stadimeter.core.alarms.alarm_words import given_up_in_words, in_words, missing_in_words
 from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState
 from stadimeter.core.alarms.settings import as_set, keep_thresholds
 from stadimeter.core.alarms.state import NO_INHIBITS, Sample, SetThreshold, is_too_frequent
-from stadimeter.core.conditions.compounds import leaves
+from stadimeter.core.conditions.compounds import judge, leaves
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition
-from stadimeter.core.conditions.leaf import Rest, RuleInputs
+from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
 from stadimeter.core.rule import ROUNDING_S, AlarmRule
 from stadimeter.core.rule_step import OBSERVED, Step, keep_if_same, trace_of
@@ -42,14 +41,12 @@ class AlarmStep(OperatedStep, frozen=True, kw_only=True):
 
 
 class Stepped(NamedTuple):
-    """An alarm after a cycle: what it does, what happened, what is to be sent, and for how long it is quiescent."""
+    """An alarm after a cycle: what it does, what happened, and what is to be sent."""
 
     step: AlarmStep
     """That of the cycle before, if nothing changed."""
     events: tuple[Event, ...]
     notices: tuple[Notice, ...]
-    rest: Rest | None
-    """None if it must be evaluated in the next cycle."""
 
 
 def new_alarm(rule: AlarmRule) -> AlarmStep:
@@ -58,7 +55,7 @@ def new_alarm(rule: AlarmRule) -> AlarmStep:
 
 
 def with_record(rule: AlarmRule, step: OperatedStep, record: AlarmRecord) -> OperatedStep:
-    """Return a rule that has another record since its step, by a command or by a restart. It must be evaluated.
+    """Return a rule that has another record since its step, by a command or by a restart.
 
     Args:
         rule: The alarm, or the gate of another rule.
@@ -110,6 +107,8 @@ def step_alarm(
         bases: The names of the outputs that are bases. An alarm stops them.
         is_first: Whether no other alarm of its group has been raised.
     """
+    if _stays(rule, before, inputs):
+        return Stepped(before, (), ())
     evaluation = Evaluation(rule, before.record, inputs, is_first=is_first)
     record = evaluation.record
     if inputs.is_after_gap:
@@ -125,8 +124,28 @@ def step_alarm(
     else:
         _with_verdict(evaluation, holds, verdict.held, sample)
     stand(evaluation)
-    rest = None if is_awaited else _rest(evaluation, before.record, holds, verdict.held)
-    return Stepped(_step(before, evaluation, bases, holds), evaluation.events, evaluation.notices, rest)
+    return Stepped(_step(before, evaluation, bases, holds), evaluation.events, evaluation.notices)
+
+
+def _stays(rule: AlarmRule, before: AlarmStep, inputs: RuleInputs) -> bool:
+    """Return whether an alarm surely stays as it is in this cycle, as most do: half the time of an evaluation."""
+    record = before.record
+    if record.state is AlarmState.NORMAL:
+        goes_on = record.leg is not None and bool(rule.escalation)
+    else:
+        goes_on = record.owes_notice or rule.realarm_s is not None or rule.pattern is not None or bool(rule.escalation)
+    if (
+        goes_on
+        or before.trace.active is not record.is_active  # an operator has changed it
+        or inputs.is_after_gap
+        or rule.suppress_when is not None
+        or record.inhibits is not NO_INHIBITS
+        or record.is_chattering
+        or record.unknown_since_s is not None
+    ):
+        return False
+    verdict = judge(rule.condition, inputs, record.timers.leaves, is_active=record.is_judged_by_its_end)
+    return verdict.value is not None and machine.is_settled(record, verdict.value, verdict.held)
 
 
 def _with_verdict(evaluation: Evaluation, holds: bool, held: tuple[bool, ...], sample: Sample | None) -> None:
@@ -206,35 +225,6 @@ def _step(before: AlarmStep, evaluation: Evaluation, bases: Container[str], hold
         return before
     trace = was if is_same else _trace(rule, record, status, active, was)
     return AlarmStep(trace=trace, requests=requests, record=record)
-
-
-def _rest(evaluation: Evaluation, before: AlarmRecord, holds: bool | None, held: tuple[bool, ...]) -> Rest | None:
-    """Return for how long an alarm is quiescent, that is, an evaluation would change nothing; None for not at all.
-
-    Nothing else decides that. `Quiescence` keeps the answer, and wakes the alarm when it is over.
-
-    Args:
-        before: What the alarm remembered before this cycle.
-        holds: Whether its condition holds; None if that is not known.
-        held: Whether each part of it does. After a refused frame, which counts neither way, the next one may change it.
-    """
-    record = evaluation.record
-    is_changing = holds is not None and not machine.is_settled(record, holds, held)
-    if is_changing or record.resumed is not None:
-        return None
-    due = due_s(evaluation)
-    if record.leg is not None and evaluation.has_patterns and (record.is_active or math.isfinite(due)):
-        return None  # a level changes by itself: of the alarm, or of a step that goes on after it has cleared
-    # The verdicts are of what was remembered before. An alarm that is judged in another way from now on (by what begins
-    # its condition, in place of what ends it) does not stay as it is.
-    if evaluation.rest is None or _remembered(record) != _remembered(before):
-        return None
-    return evaluation.rest & Rest(due_s=due)
-
-
-def _remembered(record: AlarmRecord) -> tuple[object, ...]:
-    """Return what conditions are judged with."""
-    return record.timers.leaves, record.is_judged_by_its_end, record.inhibits.leaves, record.inhibits.is_suppressed
 
 
 _STATUS = {

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from stadimeter.core.alarms.actions import Evaluation, due_s, stand
+from stadimeter.core.alarms.actions import Evaluation, stand
 from stadimeter.core.alarms.alarm import OperatedStep
 from stadimeter.core.alarms.machine import AlarmRecord
 from stadimeter.core.alarms.state import NO_INHIBITS
 from stadimeter.core.condition_words import describe_verdict
-from stadimeter.core.conditions.leaf import Rest, RuleInputs
+from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Event
 from stadimeter.core.rule import ALWAYS, AlarmRule
 from stadimeter.core.rule_step import OBSERVED
@@ -42,8 +42,6 @@ class Gate(NamedTuple):
     inhibits: tuple[str, ...]
     """What keeps the rule quiet, in words."""
     events: tuple[Event, ...]
-    rest: Rest | None
-    """For how long it stays as it is; None if it must be judged in the next cycle."""
 
     @property
     def lets_move(self) -> bool | None:
@@ -52,7 +50,7 @@ class Gate(NamedTuple):
 
 
 # The gate of a rule that has none.
-OPEN = Gate(None, True, (), (), (), Rest())
+OPEN = Gate(None, True, (), (), ())
 _OPEN_OBSERVED = OPEN._replace(inhibits=(OBSERVED,))
 
 
@@ -69,15 +67,10 @@ def step_gate(rule: AlarmRule, before: GatedStep, inputs: RuleInputs) -> Gate:
     verdict = evaluation.judge(rule.condition, before.held, is_active=before.is_open is True)
     stand(evaluation)
     is_same = evaluation.record == record
-    rest = evaluation.rest
-    if rest is None or not (is_same and verdict.value is before.is_open and verdict.held == before.held):
-        rest = None  # it is judged in another way from now on
-    else:
-        rest = rest & Rest(due_s=due_s(evaluation))
     words = evaluation.record.inhibits.words()
     inhibits = (*words, OBSERVED) if rule.observe else words
     after = None if is_same else evaluation.record
-    return Gate(after, verdict.value, verdict.held, inhibits, evaluation.events, rest)
+    return Gate(after, verdict.value, verdict.held, inhibits, evaluation.events)
 
 
 def describe_gate(rule: AlarmRule, step: GatedStep, inputs: RuleInputs) -> str:

@@ -387,14 +387,3 @@ def come_back(rule: AlarmRule, record: AlarmRecord, now_s: float) -> None:
     record.unknown_since_s = None
     record.is_given_up = False
     pass_over(record, away_s)
-
-
-def due_s(rule: AlarmRule, record: AlarmRecord, now_s: float) -> float:
-    """Return when a timer fires though no sample comes; infinite for never."""
-    due = calms_s(rule, record)
-    if record.unknown_since_s is None:
-        return due
-    grace_s = record.unknown_since_s + rule.lost.grace_s
-    clear_s = grace_s + rule.off_delay_s - record.timers.ended_s
-    times_s = (grace_s, clear_s, record.unknown_since_s + rule.lost.fault_after_s)
-    return min(due, *[at_s if at_s > now_s + ROUNDING_S else math.inf for at_s in times_s])

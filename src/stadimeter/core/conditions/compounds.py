@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 from msgspec import Struct
 from msgspec.structs import replace
 
-from stadimeter.core.conditions.leaf import Leaf, Rest, RuleInputs
+from stadimeter.core.conditions.leaf import Leaf, RuleInputs
 
 
 class AllOf(Struct, frozen=True, kw_only=True):
@@ -107,18 +107,16 @@ def targets_of(condition: Condition) -> frozenset[str]:
 
 
 class Verdict(Struct, frozen=True):
-    """Whether a condition holds, and for how long that surely stays so.
+    """Whether a condition holds.
 
     Attributes:
         value: None if it cannot be known. None is never taken for True or False.
         held: For each simple part, from left to right, whether it holds; for one that cannot be known, whether it did
             when it last could. Empty for a simple condition, whose memory is whether the alarm is active.
-        rest: For how long the verdict stays as it is while the memory does; None for not at all.
     """
 
     value: bool | None
     held: tuple[bool, ...] = ()
-    rest: Rest | None = None
 
 
 class JudgedLeaf(NamedTuple):
@@ -139,10 +137,10 @@ def judge(condition: Condition, inputs: RuleInputs, held: tuple[bool, ...], *, i
         is_active: Whether the alarm is active: then the parts that held are judged by what ends them.
     """
     if isinstance(condition, Leaf):
-        return Verdict(condition.holds(inputs, is_active), (), condition.rest(inputs, is_active))
+        return Verdict(condition.holds(inputs, is_active))
     memory: list[bool] = []
-    value, rest = _judge_part(condition, inputs, held, memory, is_active, False)
-    return Verdict(value, tuple(memory), rest)
+    value = _judge_part(condition, inputs, held, memory, is_active, False)
+    return Verdict(value, tuple(memory))
 
 
 def judged_leaves(condition: Condition, held: tuple[bool, ...], *, is_active: bool) -> tuple[JudgedLeaf, ...]:
@@ -170,33 +168,25 @@ def _judge_part(  # positional arguments: the hot path of a cycle
     memory: list[bool],
     is_active: bool,
     is_inverted: bool,
-) -> tuple[bool | None, Rest | None]:
-    """Return whether a part of a condition holds, and for how long that stays so.
-
-    What to remember of its simple parts is added to the memory.
-    """
+) -> bool | None:
+    """Return whether a part of a condition holds. What to remember of its simple parts is added to the memory."""
     if isinstance(condition, Leaf):
         is_on = _is_on(held, len(memory), is_active, is_inverted)
         value = condition.holds(inputs, is_on)
         memory.append(is_on if value is None else value)
-        return value, condition.rest(inputs, is_on)
+        return value
     if isinstance(condition, Not):
-        value, rest = _judge_part(condition.condition, inputs, held, memory, is_active, not is_inverted)
-        return None if value is None else not value, rest
+        value = _judge_part(condition.condition, inputs, held, memory, is_active, not is_inverted)
+        return None if value is None else not value
     decisive = isinstance(condition, AnyOf)
     whole: bool | None = not decisive
-    together: Rest | None = Rest()
-    decided: Rest | None = None
     for part in condition.conditions:  # to the end, since each part has a memory to keep
-        value, rest = _judge_part(part, inputs, held, memory, is_active, is_inverted)
+        value = _judge_part(part, inputs, held, memory, is_active, is_inverted)
         if value is decisive:
             whole = decisive
-            decided = decided or rest
         elif value is None and whole is not decisive:
             whole = None
-        together = None if together is None or rest is None else together & rest
-    # One part is enough to decide; but while the alarm is active each part has a memory that may change.
-    return whole, together if is_active or decided is None else decided
+    return whole
 
 
 def _is_on(held: tuple[bool, ...], index: int, is_active: bool, is_inverted: bool) -> bool:

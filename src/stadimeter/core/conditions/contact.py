@@ -19,7 +19,7 @@ from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_DURATION_S, MIN_QUANTITY
 from stadimeter.core.conditions.figures import probability_below
-from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold
 from stadimeter.core.conditions.limits import FAR_SIGMAS, turning_point
 from stadimeter.core.track import Track
 
@@ -188,32 +188,6 @@ class TimeToContactCondition(Leaf, Struct, frozen=True, kw_only=True):
         left_m = approach.distance_m - self.contact_m - approach.closing_mps * within_s
         return probability_below(0.0, left_m, approach.sigma_after_m(within_s))
 
-    def figures(self) -> tuple[Figure, Figure]:
-        """Return the time, and the earliest time that is plausible while the time is not known."""
-        sigmas = self.sigmas_that_count
-        return (
-            Figure(_time_s, (self.target, self.contact_m)),
-            Figure(_earliest_s, (self.target, self.contact_m, self.closing_min_mps, sigmas)),
-        )
-
-    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest | None:
-        """Return for how long it stays as it is: while its times are on the side of their thresholds where they are."""
-        approach = approach_of(inputs.tracks[self.target])
-        time, earliest = self.figures()
-        if approach is None:
-            return Rest(((earliest, UNKNOWN, UNKNOWN),))
-        earliest_s = _earliest(approach, self.contact_m, self.closing_min_mps, self.sigmas_that_count)
-        if earliest_s != _KNOWN_S:  # false beyond this time, unknown before it
-            limit_s = self.below_s + self.deadband_s
-            before = (math.nextafter(_KNOWN_S, math.inf), limit_s)
-            return Rest(((earliest, *(_later_than(limit_s) if earliest_s > limit_s else before)),))
-        is_usual = self.probability_on is None or self.probability_off <= 0.5 <= self.probability_on
-        time_s = approach.time_s(self.contact_m)
-        if not is_usual or not (time_s < self.below_s if is_on else time_s > self.below_s):
-            return None
-        side = (_KNOWN_S, math.nextafter(self.below_s, -math.inf)) if is_on else _later_than(self.below_s)
-        return Rest(((earliest, _KNOWN_S, _KNOWN_S), (time, *side)))
-
     def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:
         """Return the time to contact; None also while the speed is not known well enough to tell."""
         approach = self._known_approach(inputs)
@@ -240,31 +214,3 @@ class TimeToContactCondition(Leaf, Struct, frozen=True, kw_only=True):
     def _known_approach(self, inputs: RuleInputs) -> Approach | None:
         approach = approach_of(inputs.tracks[self.target])
         return approach if approach and self.speed_knowledge(approach) is SpeedKnowledge.KNOWN else None
-
-
-# In place of an earliest time, while the time itself is known: the least number above `UNKNOWN`.
-_KNOWN_S = -math.nextafter(math.inf, 0.0)
-
-
-def _later_than(time_s: float) -> tuple[float, float]:
-    return math.nextafter(time_s, math.inf), math.inf
-
-
-def _time_s(inputs: RuleInputs, target: str, contact_m: float) -> float:
-    approach = approach_of(inputs.tracks[target])
-    return UNKNOWN if approach is None else approach.time_s(contact_m)
-
-
-def _earliest_s(
-    inputs: RuleInputs, target: str, contact_m: float, closing_min_mps: float, speed_sigmas: float
-) -> float:
-    approach = approach_of(inputs.tracks[target])
-    return UNKNOWN if approach is None else _earliest(approach, contact_m, closing_min_mps, speed_sigmas)
-
-
-def _earliest(approach: Approach, contact_m: float, closing_min_mps: float, speed_sigmas: float) -> float:
-    """Return the earliest time that is plausible: infinite for a target that does not come."""
-    pace = pace_of(approach, closing_min_mps, speed_sigmas)
-    if pace is SpeedKnowledge.UNSURE:
-        return approach.earliest_s(contact_m, speed_sigmas)
-    return math.inf if pace is SpeedKnowledge.SLOW else _KNOWN_S

@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_DURATION_S, MIN_QUANTITY
 from stadimeter.core.clock import DAY_S
-from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold
 from stadimeter.core.conditions.limits import ends_of
 from stadimeter.core.decision import SafetyMode
 from stadimeter.core.observation import MonthDay, WallTime
@@ -60,18 +60,6 @@ class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
             return False
         return not self.for_s or (track.since_s is not None and inputs.now_s >= track.since_s + self.for_s)
 
-    def figures(self) -> tuple[Figure, ...]:
-        """Return whether its target is in sight, 1 or 0."""
-        return (Figure(_is_seen, (self.target,)),)
-
-    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
-        """Return that it stays as it is until its target comes or goes, or until its time has come."""
-        track = inputs.tracks[self.target]
-        seen, due_s = float(track.is_valid), math.inf
-        if self.for_s and track.is_valid is self.seen and track.since_s is not None:
-            due_s = track.since_s + self.for_s
-        return Rest(((self.figures()[0], seen, seen),), due_s if inputs.now_s < due_s else math.inf)
-
     def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:  # noqa: ARG002
         """Return for how many seconds it has been so, for one that takes time."""
         if not self.for_s:
@@ -113,29 +101,25 @@ class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002
         """Return whether it holds; see `Leaf.holds`. Unknown while no fresh frame says what is in sight."""
         count = self.count(inputs)
-        if count == UNKNOWN:
+        if count is None:
             return None
         least, most = self.at_least, self.at_most
         return (least is None or count >= least) and (most is None or count <= most)
 
-    def figures(self) -> tuple[Figure, ...]:
-        """Return the count."""
-        return (Figure(_in_sight, (self.below_m, *self.targets)),)
-
-    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
-        """Return that it stays as it is until the count changes."""
-        count = self.count(inputs)
-        return Rest(((self.figures()[0], count, count),))
-
-    def count(self, inputs: RuleInputs) -> float:
-        """Return how many of its targets are in sight; `UNKNOWN` while the camera is stale."""
-        return _in_sight(inputs, self.below_m, *self.targets)
+    def count(self, inputs: RuleInputs) -> int | None:
+        """Return how many of its targets are in sight, and near enough to count; None while the camera is stale."""
+        if inputs.safety is SafetyMode.STALE:
+            return None
+        tracks = [inputs.tracks[target] for target in self.targets or inputs.tracks]
+        if self.below_m is None:
+            return sum([track.is_valid for track in tracks])
+        return sum([track.is_valid and (track.distance_m or math.inf) < self.below_m for track in tracks])
 
     def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:  # noqa: ARG002
         """Return the count; None where it is not known."""
         low, high = ends_of(self.at_least, self.at_most)
         count = self.count(inputs)
-        return None if count == UNKNOWN else JudgedFigure(value=count, low=low, high=high)
+        return None if count is None else JudgedFigure(value=float(count), low=low, high=high)
 
 
 class DateSpan(Struct, frozen=True):
@@ -228,10 +212,6 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
             return False
         return not self.dates or self.begins_on(wall.dates[1 + later])
 
-    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest | None:  # noqa: ARG002
-        """Return that it is judged in every cycle: the time of day goes by another clock, which may jump."""
-        return None
-
 
 class RuleCondition(Leaf, Struct, frozen=True, kw_only=True):
     """Whether another rule is active. Unknown while that rule has nothing to judge by."""
@@ -250,26 +230,8 @@ class RuleCondition(Leaf, Struct, frozen=True, kw_only=True):
         """Return whether it holds; see `Leaf.holds`."""
         return inputs.active.get(self.rule)
 
-    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
-        """Return that it stays as it is: the scheduler evaluates it when the other rule changes."""
-        return Rest()
-
 
 def _of_day(wall: WallTime, sun: Sun, after_s: float) -> float | None:
     """Return a time of a schedule in seconds since midnight; None if it goes by a sun that is not known."""
     sun_s = wall.sunrise_s if sun == "sunrise" else wall.sunset_s
     return None if sun_s is None else sun_s + after_s
-
-
-def _is_seen(inputs: RuleInputs, target: str) -> float:
-    return float(inputs.tracks[target].is_valid)
-
-
-def _in_sight(inputs: RuleInputs, below_m: float | None, *targets: str) -> float:
-    """Return how many of some targets are in sight, and nearer than a distance; of all, if none are named."""
-    if inputs.safety is SafetyMode.STALE:
-        return UNKNOWN
-    tracks = [inputs.tracks[target] for target in targets or inputs.tracks]
-    if below_m is None:
-        return float(sum([track.is_valid for track in tracks]))
-    return float(sum([track.is_valid and (track.distance_m or math.inf) < below_m for track in tracks]))

@@ -8,13 +8,12 @@ from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_LENGTH_M, MIN_QUANTITY
 from stadimeter.core.conditions.figures import Quantity, Uncertain, probability_below, quantity_of
-from stadimeter.core.conditions.leaf import Figure, Rest, RuleInputs
+from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.limits import (
     LimitsCondition,
     ends_of,
     turning_point,
 )
-from stadimeter.core.conditions.quantities import quantity_figure
 
 
 class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
@@ -59,11 +58,6 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         """In metres."""
         return self.deadband_m
 
-    @property
-    def figure(self) -> Figure:
-        """The distance or the depth of its target."""
-        return quantity_figure(self.target, self.quantity)
-
     def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the distance or depth; see `LimitsCondition.uncertain`."""
         return quantity_of(inputs.tracks[self.target], self.quantity)
@@ -103,11 +97,6 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         else:
             likely = 1.0
         return likely >= likely_on or (is_on and likely > self.probability_off)
-
-    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest | None:
-        """Return for how long it stays as it is: not at all in the frame in which it was passed through."""
-        rest = LimitsCondition.rest(self, inputs, is_on)
-        return None if not is_on and self.passed_through(inputs) is not None else rest
 
     def passed_through(self, inputs: RuleInputs) -> tuple[float, float] | None:
         """Return between which distances a target went through both thresholds unseen; None if it did not.

@@ -1,15 +1,15 @@
 """A simple condition, the base of every kind, and all that conditions are judged by.
 
-A kind is one class in this package. It states whether it holds, for how long it surely stays so, and the figure and the
-thresholds that it was judged by. `stadimeter.core.condition_words` words conditions, and
+A kind is one class in this package. It states whether it holds, and the figure and the thresholds that it was judged
+by. `stadimeter.core.condition_words` words conditions, and
 `stadimeter.config.analysis.situations` reasons about them: a kind that these do not name by its noun, unit and limits.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, NamedTuple
+from collections.abc import Mapping
+from typing import ClassVar, NamedTuple
 
 from msgspec import Struct, field
 
@@ -20,9 +20,6 @@ from stadimeter.core.measurement import Sighting
 from stadimeter.core.observation import WallTime
 from stadimeter.core.track import Track
 from stadimeter.core.tracking.transverse import AskedMotion, TransverseMotion, Viewpoint
-
-# The value of a figure that is not known. No figure that is known has it.
-UNKNOWN = -math.inf
 
 
 class RuleInputs(Struct, frozen=True, kw_only=True):
@@ -64,31 +61,6 @@ class RuleInputs(Struct, frozen=True, kw_only=True):
     viewpoint: Viewpoint = Viewpoint()
     raised_at_s: Mapping[str, float] = field(default_factory=dict)
     figures: Mapping[str, float | None] = field(default_factory=dict)
-
-
-class Figure(NamedTuple):
-    """A number that conditions watch. Equal figures are the same figure, and are read once in a cycle."""
-
-    read: Callable[..., float]
-    """From what is known in a cycle, and `of`; `UNKNOWN` where it is not known."""
-    of: tuple[Any, ...]
-    motions: tuple[AskedMotion, ...] = ()
-    """The motions across the line of sight that it takes; these are worked out only where some figure does."""
-
-
-class Rest(NamedTuple):
-    """For how long a condition surely stays as it is.
-
-    That is while each figure stays within its interval, ends included, and until it is `due_s` on the run's clock. An
-    interval from `UNKNOWN` to `UNKNOWN` lasts until the figure is known.
-    """
-
-    intervals: tuple[tuple[Figure, float, float], ...] = ()
-    due_s: float = math.inf
-
-    def __and__(self, other: Rest) -> Rest:
-        """Return for how long both stay as they are."""
-        return Rest(self.intervals + other.intervals, min(self.due_s, other.due_s))
 
 
 class JudgedFigure(Struct, frozen=True, kw_only=True):
@@ -172,20 +144,17 @@ class Leaf:
         """The targets that it names."""
         return ()
 
+    @property
+    def motion(self) -> AskedMotion | None:
+        """The motion across the line of sight that its figure takes: worked out only where some condition takes it."""
+        return None
+
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
         """Return whether it holds; None if that cannot be known.
 
         Args:
             is_on: Whether it is judged by what ends it, where that differs from what begins it.
         """
-        raise NotImplementedError
-
-    def figures(self) -> tuple[Figure, ...]:
-        """Return the figures that its rest intervals may be on."""
-        return ()
-
-    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest | None:
-        """Return for how long it surely stays as it is; None if it must be judged in every cycle."""
         raise NotImplementedError
 
     def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:  # noqa: ARG002

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from typing import ClassVar
 
 from stadimeter.core.conditions.figures import Uncertain, probability_between
-from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold
 
 # Nothing is in doubt this many standard deviations from a threshold.
 FAR_SIGMAS = 12.0
@@ -88,11 +88,6 @@ class LimitsCondition(Leaf):
         """How far the figure must come back at least, in the SI unit."""
         raise NotImplementedError
 
-    @property
-    def figure(self) -> Figure:
-        """The figure that it watches."""
-        raise NotImplementedError
-
     def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the figure and how sure it is; None while there is no finite figure to act on."""
         raise NotImplementedError
@@ -126,37 +121,6 @@ class LimitsCondition(Leaf):
         """Return whether it holds; see `Leaf.holds`."""
         figures = self.uncertain(inputs)
         return None if figures is None else self.is_within(*figures, is_on)
-
-    def figures(self) -> tuple[Figure, ...]:
-        """Return the figure that it watches."""
-        return (self.figure,)
-
-    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest | None:
-        """Return for how long it stays as it is: until its figure comes or goes, or gets to a threshold."""
-        figures = self.uncertain(inputs)
-        if figures is None:
-            return Rest(((self.figure, UNKNOWN, UNKNOWN),))
-        interval = self.rest_interval(figures[0], is_on)
-        return None if interval is None else Rest(((self.figure, *interval),))
-
-    def rest_interval(self, value: float, is_on: bool) -> tuple[float, float] | None:
-        """Return the interval around a figure in which it stays as it is, whatever the standard deviation.
-
-        On one side of a threshold a figure is more likely than not to be on that side, and what ends a condition lies
-        further out than what begins it. So with the usual probabilities, around one half, nothing changes before.
-        """
-        low, high = self.limits
-        likely_on, likely_off = self.probability_on, self.probability_off
-        if likely_on is not None and not likely_off <= 0.5 <= likely_on:
-            return None
-        if not is_on:
-            if value < low:
-                return math.nextafter(UNKNOWN, 0.0), math.nextafter(low, -math.inf)
-            return (math.nextafter(high, math.inf), math.inf) if value > high else None
-        is_narrow = math.isfinite(low) and math.isfinite(high)  # a figure in there may still be unlikely to be
-        if not low < value < high or (likely_on is not None and is_narrow):
-            return None
-        return math.nextafter(low, math.inf), math.nextafter(high, -math.inf)
 
     def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:
         """Return the figure behind `holds`; None while there is no finite figure to act on."""

@@ -7,8 +7,9 @@ from msgspec import Struct
 from stadimeter.core.bounds import MAX_BY_UNIT, MIN_QUANTITY
 from stadimeter.core.conditions import quantities
 from stadimeter.core.conditions.figures import Uncertain
-from stadimeter.core.conditions.leaf import Figure, RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import RuleInputs, Threshold
 from stadimeter.core.conditions.limits import LimitsCondition
+from stadimeter.core.tracking.transverse import AskedMotion
 
 # How the noun of a difference begins.
 DIFFERENCE = "difference in "
@@ -99,9 +100,9 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         return (self.target, self.other) if self.other else (self.target,)
 
     @property
-    def figure(self) -> Figure:
-        """The quantity of its target, or the difference."""
-        return quantities.quantity_figure(*self._of)
+    def motion(self) -> AskedMotion | None:
+        """That of its target."""
+        return quantities.motion_of(self.target, self.quantity, self.within_m)
 
     def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the figure; see `LimitsCondition.uncertain`."""

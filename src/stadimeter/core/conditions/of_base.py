@@ -8,7 +8,7 @@ from typing import Literal
 from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_VOLTAGE_V
-from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold
 
 # A motor that starts pulls the voltage of its battery down, and lets it go again: some tenths of a volt with small
 # motors. Without this an alarm would come and go with each start.
@@ -36,15 +36,6 @@ class ContactSensorCondition(Leaf, Struct, frozen=True, kw_only=True):
         """Return the sensor's answer; see `Leaf.holds`."""
         return None if inputs.base is None else getattr(inputs.base, self.sensor)
 
-    def figures(self) -> tuple[Figure, ...]:
-        """Return the answer, 1 or 0."""
-        return (Figure(_reported, (self.sensor,)),)
-
-    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
-        """Return that it stays as it is until the answer changes."""
-        answer = _reported(inputs, self.sensor)
-        return Rest(((self.figures()[0], answer, answer),))
-
 
 class BatteryCondition(Leaf, Struct, frozen=True, kw_only=True):
     """The voltage of the base's battery is below a threshold."""
@@ -67,31 +58,17 @@ class BatteryCondition(Leaf, Struct, frozen=True, kw_only=True):
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
         """Return whether it holds; None while the voltage is not known."""
-        battery_v = _reported(inputs, "battery_v")
-        return None if battery_v == UNKNOWN else battery_v < self._threshold_v(is_on)
-
-    def figures(self) -> tuple[Figure, ...]:
-        """Return the voltage."""
-        return (Figure(_reported, ("battery_v",)),)
-
-    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:
-        """Return that it stays as it is until the voltage crosses the threshold, comes or goes."""
-        battery_v, figure, threshold_v = _reported(inputs, "battery_v"), self.figures()[0], self._threshold_v(is_on)
-        if battery_v == UNKNOWN:
-            return Rest(((figure, UNKNOWN, UNKNOWN),))
-        if battery_v < threshold_v:
-            return Rest(((figure, math.nextafter(UNKNOWN, 0.0), math.nextafter(threshold_v, UNKNOWN)),))
-        return Rest(((figure, threshold_v, math.inf),))
+        battery_v = _battery_v(inputs)
+        return None if battery_v is None else battery_v < self._threshold_v(is_on)
 
     def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:
         """Return the voltage and the threshold; None while it is not known."""
-        battery_v = _reported(inputs, "battery_v")
-        return None if battery_v == UNKNOWN else JudgedFigure(value=battery_v, high=self._threshold_v(is_on))
+        battery_v = _battery_v(inputs)
+        return None if battery_v is None else JudgedFigure(value=battery_v, high=self._threshold_v(is_on))
 
     def _threshold_v(self, is_on: bool) -> float:
         return self.below_v + (BATTERY_DEADBAND_V if is_on else 0.0)
 
 
-def _reported(inputs: RuleInputs, field: str) -> float:
-    value = None if inputs.base is None else getattr(inputs.base, field)
-    return UNKNOWN if value is None else float(value)
+def _battery_v(inputs: RuleInputs) -> float | None:
+    return None if inputs.base is None else inputs.base.battery_v

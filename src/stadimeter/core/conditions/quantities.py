@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache, partial
+from functools import partial
 from operator import mul
 from typing import Literal, NamedTuple
 
 from stadimeter.core.bounds import MIN_QUANTITY, SIZE_UNIT
 from stadimeter.core.conditions.figures import Uncertain, closing_of, direction_of, quantity_of, separation_of
-from stadimeter.core.conditions.leaf import UNKNOWN, Figure, RuleInputs
+from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.tracking.transverse import AskedMotion
 from stadimeter.core.tracking.transverse import direction_of as vector_of
 
 QuantityName = Literal[
@@ -64,11 +65,11 @@ def uncertain_of(
     return difference_of(first, second, lens.focal_relative_sigma if lens is not None else 0.0)
 
 
-@cache
-def quantity_figure(target: str, quantity: str, other: str = "", within_m: float = STILL_WITHIN_M) -> Figure:
-    """Return the figure of a quantity of a target; see `uncertain_of`."""
-    asked = target, (within_m if quantity == "still" else None)
-    return Figure(_value, (target, quantity, other, within_m), (asked,) if QUANTITIES[quantity].takes_motion else ())
+def motion_of(target: str, quantity: str, within_m: float = STILL_WITHIN_M) -> AskedMotion | None:
+    """Return the motion across the line of sight that a quantity of a target takes; None for none."""
+    if not QUANTITIES[quantity].takes_motion:
+        return None
+    return target, (within_m if quantity == "still" else None)
 
 
 def noun_of(quantity: str) -> str:
@@ -90,11 +91,6 @@ def difference_of(first: Uncertain, second: Uncertain, common_share: float) -> U
         common = min(common, math.sqrt(max(0.0, sigma * sigma - noise * noise)) / max(abs(value), MIN_QUANTITY))
     variance = first[1] ** 2 + second[1] ** 2 - 2 * common * common * first[0] * second[0]
     return first[0] - second[0], math.sqrt(max(0.0, variance)), math.hypot(first[2], second[2])
-
-
-def _value(inputs: RuleInputs, target: str, quantity: str, other: str, within_m: float) -> float:
-    figures = uncertain_of(inputs, target, quantity, other, within_m)
-    return UNKNOWN if figures is None else figures[0]
 
 
 def _still_s(inputs: RuleInputs, target: str, within_m: float = STILL_WITHIN_M) -> Uncertain | None:

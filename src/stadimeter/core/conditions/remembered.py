@@ -6,7 +6,7 @@ from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_SPEED_MPS
 from stadimeter.core.conditions.figures import Uncertain
-from stadimeter.core.conditions.leaf import UNKNOWN, Figure, RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import RuleInputs, Threshold
 from stadimeter.core.conditions.limits import LimitsCondition
 from stadimeter.core.conditions.quantities import QUANTITIES
 from stadimeter.core.conditions.summary import RememberedFigure, Window
@@ -81,17 +81,7 @@ class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
             name=self.key, rules=self.rules, owner=self.owner, quantity=self.unit, statistic="sum", window=self.window
         )
 
-    @property
-    def figure(self) -> Figure:
-        """The figure that it watches."""
-        return Figure(_remembered, (self.key,))
-
     def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the figure, its standard deviation, which is not known, as 0; see `LimitsCondition.uncertain`."""
         value = inputs.figures.get(self.key)
         return None if value is None else (value, 0.0, 0.0)
-
-
-def _remembered(inputs: RuleInputs, key: str) -> float:
-    value = inputs.figures.get(key)
-    return UNKNOWN if value is None else value

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from msgspec import Struct
 
-from stadimeter.core.conditions.leaf import Leaf, Rest, RuleInputs
+from stadimeter.core.conditions.leaf import Leaf, RuleInputs
 
 # What is in time is in time, however a difference of times was rounded.
 _ROUNDING_S = 1e-6
@@ -56,9 +56,3 @@ class SequenceCondition(Leaf, Struct, frozen=True, kw_only=True):
         if self.for_s is not None:
             return inputs.now_s < at_s + self.for_s
         return at_s == inputs.raised_at_s.get(last) and inputs.active.get(last)
-
-    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
-        """Return that it stays as it is until its time is over: a change of its rules wakes it."""
-        at_s = inputs.raised_at_s.get(self.key)
-        due_s = math.inf if at_s is None or self.for_s is None else at_s + self.for_s
-        return Rest(due_s=due_s if inputs.now_s < due_s else math.inf)

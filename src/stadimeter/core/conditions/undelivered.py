@@ -6,7 +6,7 @@ import math
 
 from msgspec import Struct
 
-from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs
 
 
 class UndeliveredCondition(Leaf, Struct, frozen=True, kw_only=True):
@@ -31,21 +31,7 @@ class UndeliveredCondition(Leaf, Struct, frozen=True, kw_only=True):
         since_s = inputs.undelivered_since_s
         return since_s is not None and inputs.now_s >= since_s + self.for_s
 
-    def figures(self) -> tuple[Figure, ...]:
-        """Return since when the oldest alarm waits."""
-        return (Figure(_since_s, ()),)
-
-    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:
-        """Return that it stays as it is until another alarm is the oldest, or until its time has come."""
-        since_s = _since_s(inputs)
-        due_s = math.inf if since_s == UNKNOWN or self.holds(inputs, is_on) else since_s + self.for_s
-        return Rest(((self.figures()[0], since_s, since_s),), due_s)
-
     def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:  # noqa: ARG002
         """Return for how many seconds the oldest alarm waits; None for none."""
         since_s = inputs.undelivered_since_s
         return None if since_s is None else JudgedFigure(value=inputs.now_s - since_s, low=self.for_s)
-
-
-def _since_s(inputs: RuleInputs) -> float:
-    return UNKNOWN if inputs.undelivered_since_s is None else inputs.undelivered_since_s

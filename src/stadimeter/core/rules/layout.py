@@ -1,26 +1,28 @@
-"""What is worked out once for the rules of a plan: what they watch, and in which order they are judged."""
+"""What is worked out once for the rules of a plan: in which order they are judged, and what they take."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from graphlib import TopologicalSorter
 
 from msgspec import Struct, field
 
 from stadimeter.core.conditions.compounds import depends_on, judged_by_cycle, leaves
+from stadimeter.core.conditions.quantities import motion_of
 from stadimeter.core.conditions.sequence import SequenceCondition
 from stadimeter.core.plan import BaseOutput, Output, Plan
-from stadimeter.core.rule import AlarmRule, AnyRule, conditions_of
-from stadimeter.core.rules.quiescence import Watch, watch_of
+from stadimeter.core.rule import AlarmRule, AnyRule, RampRule, conditions_of
+from stadimeter.core.tracking.transverse import AskedMotion
 
 
 class Layout(Struct, frozen=True, kw_only=True):
     """What is worked out once for a plan.
 
     Attributes:
-        rank: For each rule its place in the order of judging: after those that it asks for.
-        askers: For each rule that is asked for, by its position in the plan, the positions of those who ask.
+        order: The positions of the rules in the order of judging: each after those that it asks for.
+        asked_for: The positions of the rules that others ask for.
+        motions: The motions across the line of sight that any rule takes.
         bases: The outputs that are bases, by name.
         combined: The outputs that have equals to combine, by name.
         grouped: The positions of the alarms that belong to a group.
@@ -29,9 +31,9 @@ class Layout(Struct, frozen=True, kw_only=True):
         sequences: For each rule that a sequence names, by its name, the sequences that it is the last of.
     """
 
-    watch: Watch = field(default_factory=Watch)
-    rank: tuple[int, ...] = ()
-    askers: Mapping[int, Sequence[int]] = field(default_factory=dict)
+    order: tuple[int, ...] = ()
+    asked_for: frozenset[int] = frozenset()
+    motions: frozenset[AskedMotion] = frozenset()
     bases: Mapping[str, BaseOutput] = field(default_factory=dict)
     combined: Mapping[str, Output] = field(default_factory=dict)
     grouped: tuple[int, ...] = ()
@@ -48,19 +50,12 @@ def layout_of(plan: Plan) -> Layout:
     """
     positions = {rule.name: index for index, rule in enumerate(plan.rules)}
     asked = {index: [positions[name] for name in sorted(asks_for(rule))] for index, rule in enumerate(plan.rules)}
-    askers: dict[int, list[int]] = defaultdict(list)
-    for index, others in asked.items():
-        for other in others:
-            askers[other].append(index)
-    rank = [0] * len(asked)
-    for place, index in enumerate(TopologicalSorter(asked).static_order()):  # the others stay in the order of the plan
-        rank[index] = place
     contested = contested_outputs(plan.rules)
     alarms = [(index, rule) for index, rule in enumerate(plan.rules) if isinstance(rule, AlarmRule)]
     return Layout(
-        watch=watch_of(plan.rules),
-        rank=tuple(rank),
-        askers=askers,
+        order=tuple(TopologicalSorter(asked).static_order()),  # where none asks, in the order of the plan
+        asked_for=frozenset().union(*asked.values()),
+        motions=frozenset(each for rule in plan.rules for each in _motions(rule)),
         bases={output.name: output for output in plan.outputs if isinstance(output, BaseOutput)},
         combined={output.name: output for output in plan.outputs if output.name in contested},
         grouped=tuple(index for index, rule in alarms if rule.group),
@@ -68,6 +63,13 @@ def layout_of(plan: Plan) -> Layout:
         positions=positions,
         sequences=_sequences(plan.rules),
     )
+
+
+def _motions(rule: AnyRule) -> Iterator[AskedMotion]:
+    taken = [leaf.motion for condition in conditions_of(rule) for leaf in leaves(condition)]
+    if isinstance(rule, RampRule):
+        taken.append(motion_of(rule.target, rule.quantity))
+    return (each for each in taken if each is not None)
 
 
 def _sequences(rules: Sequence[AnyRule]) -> dict[str, tuple[SequenceCondition, ...]]:

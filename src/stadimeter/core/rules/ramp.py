@@ -11,8 +11,8 @@ from bisect import bisect_right
 
 from stadimeter.core.alarms.gate import OPEN, Gate, GatedStep
 from stadimeter.core.condition_words import describe_unread
-from stadimeter.core.conditions.leaf import UNKNOWN, Rest, RuleInputs
-from stadimeter.core.conditions.quantities import QUANTITIES, noun_of, quantity_figure, uncertain_of
+from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.quantities import QUANTITIES, noun_of, uncertain_of
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.rule import RampRule
 from stadimeter.core.rule_step import LevelRequest, trace_of
@@ -44,27 +44,6 @@ def step_ramp(rule: RampRule, before: RampStep, inputs: RuleInputs, gate: Gate =
         return _step(rule, before, RuleStatus.UNKNOWN, 0.0, gate)
     level = ramp_level(rule, *figures, is_on=before.level > 0)
     return _step(rule, before, RuleStatus.ACTIVE if level > 0 else RuleStatus.IDLE, level, gate)
-
-
-def rest_of_ramp(rule: RampRule, step: RampStep, inputs: RuleInputs, gate: Gate = OPEN) -> Rest | None:
-    """Return for how long a ramp stays at its level; None if it must be judged in every cycle."""
-    if gate is OPEN:
-        return _rest_of_level(rule, step, inputs)
-    if gate.rest is None or not gate.is_open:
-        return gate.rest
-    rest = _rest_of_level(rule, step, inputs)
-    return None if rest is None else rest & gate.rest
-
-
-def _rest_of_level(rule: RampRule, step: RampStep, inputs: RuleInputs) -> Rest | None:
-    figures, figure = uncertain_of(inputs, rule.target, rule.quantity), quantity_figure(rule.target, rule.quantity)
-    if figures is None:
-        return Rest(((figure, UNKNOWN, UNKNOWN),))
-    flat = flat_interval(rule, figures[0])
-    # A level that is only held against noise ends when the noise changes.
-    if flat is None or (step.level > 0 and ramp_level(rule, *figures, is_on=False) == 0):
-        return None
-    return Rest(((figure, *flat),))
 
 
 def describe_ramp(rule: RampRule, inputs: RuleInputs) -> str:
@@ -123,25 +102,6 @@ def ramp_level(rule: RampRule, value: float, sigma: float, noise: float, *, is_o
         return level
     held = max(rule.dead_zone, 0.0 if rule.points else rule.level_min)
     return held if _is_near_start(rule, value, sigma, noise) else 0.0
-
-
-def flat_interval(rule: RampRule, value: float) -> tuple[float, float] | None:
-    """Return the figures, ends included, between which the level stays as it is at one of them; None if it does not.
-
-    It never does with a bias, since then the standard deviation counts too.
-    """
-    if rule.bias != "neutral":
-        return None
-    if rule.points:
-        (before_at, before), (after_at, after) = _neighbours(rule, value)
-    else:
-        first, last = sorted((rule.start, rule.full))
-        before_at = -math.inf if value <= first else first if value <= last else last
-        after_at = first if value <= first else last if value <= last else math.inf
-        before, after = 0.0, float(math.isfinite(before_at) and math.isfinite(after_at))  # flat beyond both ends
-    if before != after or value in {before_at, after_at}:
-        return None
-    return math.nextafter(before_at, math.inf), math.nextafter(after_at, -math.inf)
 
 
 def _is_near_start(rule: RampRule, value: float, sigma: float, noise: float) -> bool:

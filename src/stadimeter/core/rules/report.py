@@ -11,7 +11,7 @@ import math
 from stadimeter.core.alarms.actions import is_to_be
 from stadimeter.core.alarms.gate import OPEN, Gate, GatedStep
 from stadimeter.core.clock import DAY_S
-from stadimeter.core.conditions.leaf import Rest, RuleInputs
+from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus
 from stadimeter.core.rule import ROUNDING_S, ReportRule
 from stadimeter.core.rule_step import trace_of
@@ -42,14 +42,13 @@ def new_report(rule: ReportRule) -> ReportStep:
 
 def step_report(
     rule: ReportRule, before: ReportStep, inputs: RuleInputs, gate: Gate = OPEN
-) -> tuple[ReportStep, tuple[Notice, ...], Rest | None]:
-    """Send what is due in one cycle; return also for how long there is nothing to send.
+) -> tuple[ReportStep, tuple[Notice, ...]]:
+    """Send what is due in one cycle.
 
     What is due while its gate is closed, or it is kept quiet, is not sent later either. Where it is not known whether
-    the gate is open, it is sent. One that goes by the time of day is judged in every cycle: that goes by another
-    clock, which may jump.
+    the gate is open, it is sent.
     """
-    due, sent_at_s, rest = _due(rule, before, inputs)
+    due, sent_at_s = _due(rule, before, inputs)
     notices = _notices(rule, before.count + 1, inputs, due) if due and gate.lets_move is not False else ()
     trace = trace_of(rule, RuleStatus.IDLE, before.trace, gate.inhibits)
     step = ReportStep(
@@ -60,20 +59,19 @@ def step_report(
         sent_at_s=sent_at_s,
         count=before.count + bool(notices),
     )
-    rest = rest & gate.rest if rest is not None and gate.rest is not None else None
-    return before if step == before else step, () if rule.observe else notices, rest
+    return before if step == before else step, () if rule.observe else notices
 
 
-def _due(rule: ReportRule, before: ReportStep, inputs: RuleInputs) -> tuple[str, float | None, Rest | None]:
-    """Return why a message is due, empty if none is; when it was last to send; and for how long none is."""
+def _due(rule: ReportRule, before: ReportStep, inputs: RuleInputs) -> tuple[str, float | None]:
+    """Return why a message is due, empty if none is; and when it was last to send."""
     now_s, every_s = inputs.now_s, rule.every_s
     if every_s is None:
         at = _time_due(rule, before, inputs)
-        return (f"at {at}", now_s, None) if at else ("", before.sent_at_s, None)
+        return (f"at {at}", now_s) if at else ("", before.sent_at_s)
     last_s = now_s if before.sent_at_s is None else before.sent_at_s
     times = math.floor((now_s - last_s + ROUNDING_S) / every_s)
     sent_at_s = last_s + times * every_s if times > 0 else last_s
-    return f"every {duration(every_s)}" if times > 0 else "", sent_at_s, Rest(due_s=sent_at_s + every_s)
+    return f"every {duration(every_s)}" if times > 0 else "", sent_at_s
 
 
 def _time_due(rule: ReportRule, before: ReportStep, inputs: RuleInputs) -> str | None:

@@ -1,15 +1,11 @@
-"""Evaluating all rules in a cycle, without those that are quiescent.
+"""Evaluating all rules in a cycle.
 
-Most rules have nothing to do in most cycles: the target is far from their thresholds, or out of sight. Only the active
-set is evaluated: rules that are not quiescent, that are due, of which a figure left its interval, or that ask for a
-rule that has changed. So ten thousand rules cost little more than the few that have something to do.
-
-A rule that asks for another is judged after it, so it never acts on what was true a cycle ago.
+A rule that asks for another is judged after it, so it never acts on what was true a cycle ago. What has not changed is
+the same object as before: those who listen see at no cost that there is nothing new.
 """
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Iterable, Mapping
 from typing import TypeVar
 
@@ -21,7 +17,7 @@ from stadimeter.core.alarms.gate import step_gate
 from stadimeter.core.alarms.operating import operate
 from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.alarms.state import Sample
-from stadimeter.core.conditions.leaf import Rest, RuleInputs
+from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, RuleTrace
 from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.plan import Plan
@@ -30,8 +26,7 @@ from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.arbitration import Wanted, arbitrate, rearrange
 from stadimeter.core.rules.follow import FollowStep, new_follow, step_follow
 from stadimeter.core.rules.layout import Layout, layout_of
-from stadimeter.core.rules.quiescence import Quiescence, all_active
-from stadimeter.core.rules.ramp import RampStep, new_ramp, rest_of_ramp, step_ramp
+from stadimeter.core.rules.ramp import RampStep, new_ramp, step_ramp
 from stadimeter.core.rules.report import ReportStep, new_report, step_report
 
 _T = TypeVar("_T")
@@ -57,7 +52,6 @@ class EvaluatedRules(Struct, frozen=True, kw_only=True):
     active: Mapping[str, bool | None] = field(default_factory=dict)
     first_out: Mapping[str, str] = field(default_factory=dict)
     raised_at_s: Mapping[str, float] = field(default_factory=dict)
-    quiescence: Quiescence = field(default_factory=Quiescence)
     layout: Layout = field(default_factory=Layout)
 
 
@@ -87,7 +81,7 @@ def with_steps(
     first_out: Mapping[str, str] | None = None,
     raised_at_s: Mapping[str, float] | None = None,
 ) -> EvaluatedRules:
-    """Return the rules of a plan as they were remembered. All of them are judged in the next cycle.
+    """Return the rules of a plan as they were remembered.
 
     Raises:
         CycleError: Rules ask for each other in a circle.
@@ -105,10 +99,9 @@ def with_steps(
         steps=steps,
         traces=tuple(step.trace for step in steps),
         wanted=arbitrate((request for step in steps for request in step.requests), layout.combined),
-        active={plan.rules[index].name: steps[index].trace.active for index in layout.askers},
+        active={plan.rules[index].name: steps[index].trace.active for index in layout.asked_for},
         first_out=first_out or {},
         raised_at_s=in_sequences,
-        quiescence=all_active(layout.watch),
         layout=layout,
     )
 
@@ -123,18 +116,13 @@ def judge(
     """Judge the rules for one cycle.
 
     Args:
-        before: The rules after the cycle before; returned if nothing is to be evaluated.
+        before: The rules after the cycle before.
         sample: The frame that is new in this cycle; None without one.
         cycle: The cycle itself. Whether a target is in sight is judged by it: that no frame comes at all is news too.
     """
-    # After a gap timers begin anew, and so does the time for which a target has been in sight.
-    quiescence = before.quiescence.with_all_active() if inputs.is_after_gap else before.quiescence
-    active = quiescence.active_set(before.layout.watch, inputs)
-    if not (active or commands):
-        return before, _NOTHING
     evaluation = _Evaluation(before, inputs, sample, cycle)
-    answers = tuple([evaluation.operate(command, active) for command in commands])
-    evaluation.judge(active)
+    answers = tuple([evaluation.operate(command) for command in commands])
+    evaluation.judge()
     return evaluation.evaluated_rules(), evaluation.outcome(answers)
 
 
@@ -142,8 +130,8 @@ class _Evaluation:
     """Evaluates rules one after another, and collects what changes."""
 
     __slots__ = (
-        "active", "before", "changed", "cycle", "events", "first_out", "inputs", "notices", "raised_at_s", "rests",
-        "rules", "sample",
+        "active", "before", "changed", "cycle", "events", "first_out", "inputs", "notices", "raised_at_s", "rules",
+        "sample",
     )  # fmt: skip
 
     def __init__(self, before: EvaluatedRules, inputs: RuleInputs, sample: Sample | None, cycle: Sample) -> None:
@@ -157,11 +145,10 @@ class _Evaluation:
         self.inputs = replace(inputs, **asked_for) if before.active else inputs
         self.first_out = before.first_out
         self.changed: dict[int, Step] = {}
-        self.rests: dict[int, Rest | None] = {}
         self.events: list[Event] = []
         self.notices: list[Notice] = []
 
-    def operate(self, command: OperatorCommand, active: set[int]) -> OperatorAnswer:
+    def operate(self, command: OperatorCommand) -> OperatorAnswer:
         """Do what an operator wants, before the rules are judged."""
         alarms = {
             rule.name: (index, gate_of(rule), step)
@@ -175,22 +162,15 @@ class _Evaluation:
             if evaluation.rule is not rule:
                 self.rules = _with(self.rules, {index: _with_gate(self.rules[index], evaluation.rule)})
             self.events += evaluation.events
-            active.add(index)
         return answer
 
-    def judge(self, active: set[int]) -> None:
-        """Judge the active set, and those that it makes active, each after those that it asks for."""
-        rank, askers = self.before.layout.rank, self.before.layout.askers
-        waiting = [(rank[index], index) for index in active]
-        heapq.heapify(waiting)
-        while waiting:
-            _, index = heapq.heappop(waiting)
+    def judge(self) -> None:
+        """Judge every rule, each after those that it asks for."""
+        asked_for = self.before.layout.asked_for
+        for index in self.before.layout.order:
             self._judge(index)
-            if index in askers and self._tells_others(index):
-                for asking in askers[index]:
-                    if asking not in active:
-                        active.add(asking)
-                        heapq.heappush(waiting, (rank[asking], asking))
+            if index in asked_for:
+                self._tell_others(index)
 
     def evaluated_rules(self) -> EvaluatedRules:
         """Return the rules after the cycle."""
@@ -206,7 +186,6 @@ class _Evaluation:
             active=self.active,
             first_out=self.first_out,
             raised_at_s=self.raised_at_s,
-            quiescence=before.quiescence.after(before.layout.watch, self.rests),
             layout=before.layout,
         )
 
@@ -221,19 +200,16 @@ class _Evaluation:
 
     def _judge(self, index: int) -> None:
         rule, last = self.rules[index], self._step(index)
-        rest: Rest | None = None
         if isinstance(rule, AlarmRule) and isinstance(last, AlarmStep):
             stepped = self._alarm(index, rule, last)
             step: Step = stepped.step
             self.events += stepped.events
             self.notices += stepped.notices
-            rest = stepped.rest
             if rule.group and stepped.events:
                 self._note_first_out(rule, stepped.events)
         elif isinstance(rule, RampRule) and isinstance(last, RampStep):
             gate = step_gate(rule.gate, last, self.inputs)
             step = step_ramp(rule, last, self.inputs, gate)
-            rest = rest_of_ramp(rule, step, self.inputs, gate)
             if gate.events:
                 self.events += gate.events
         elif isinstance(rule, FollowRule) and isinstance(last, FollowStep):
@@ -242,12 +218,11 @@ class _Evaluation:
             self.events += events
         elif isinstance(rule, ReportRule) and isinstance(last, ReportStep):
             gate = step_gate(rule.gate, last, self.inputs)
-            step, notices, rest = step_report(rule, last, self.inputs, gate)
+            step, notices = step_report(rule, last, self.inputs, gate)
             self.events += gate.events
             self.notices += notices
         else:
             raise TypeError(f"rule {rule.name} remembers a {type(last).__name__}")
-        self.rests[index] = rest
         if step is not last:
             self.changed[index] = step
 
@@ -256,11 +231,11 @@ class _Evaluation:
         is_first = bool(rule.group) and rule.group not in self.first_out
         return step_alarm(rule, last, self.inputs, judged, self.before.layout.bases, is_first=is_first)
 
-    def _tells_others(self, index: int) -> bool:
-        """Note whether a rule is active; return whether that is news."""
+    def _tell_others(self, index: int) -> None:
+        """Note whether a rule is active, for those that ask for it."""
         name, is_active = self.rules[index].name, self._step(index).trace.active
         if self.active.get(name) is is_active:
-            return False
+            return
         self.active = {**self.active, name: is_active}
         ending = self.before.layout.sequences.get(name)
         if ending is not None and is_active:
@@ -268,7 +243,6 @@ class _Evaluation:
             raised = {**self.raised_at_s, name: now_s}
             self.raised_at_s = {**raised, **{each.key: now_s for each in ending if each.is_complete(raised)}}
         self.inputs = replace(self.inputs, active=self.active, raised_at_s=self.raised_at_s)
-        return True
 
     def _note_first_out(self, rule: AlarmRule, events: Iterable[Event]) -> None:
         is_raised = any(event.kind is EventKind.RAISED for event in events)

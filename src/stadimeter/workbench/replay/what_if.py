@@ -25,7 +25,6 @@ from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.rule import AlarmRule, FollowRule, conditions_of
 from stadimeter.core.rules.explaining import Reasons
 from stadimeter.core.rules.layout import asks_for
-from stadimeter.core.rules.quiescence import MAX_WOKEN
 from stadimeter.core.rules.scheduler import judge, with_steps
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.lanes import Lane, ReplaySide
@@ -153,11 +152,11 @@ def judged_apart(old: Plan, new: Plan) -> tuple[int, ...] | None:
     """Return the positions of the rules that must be judged again, in the order of the plan; None for everything.
 
     The others surely do what they did. That is not certain if anything but rules changed; if a remembered figure sums
-    up what such a rule does; if one drives a base, or counts targets, which stops while the picture does not show that
-    a base moves; or if there are more rules than are evaluated in one cycle.
+    up what such a rule does; or if one drives a base, or counts targets, which stops while the picture does not show
+    that a base moves.
     """
     same_names = [rule.name for rule in old.rules] == [rule.name for rule in new.rules]
-    if not same_names or replace(old, rules=()) != replace(new, rules=()) or len(new.rules) > MAX_WOKEN:
+    if not same_names or replace(old, rules=()) != replace(new, rules=()):
         return None
     asked = {rule.name: asks_for(rule) for rule in new.rules}
     groups = {rule.name: rule.group for rule in new.rules if isinstance(rule, AlarmRule) and rule.group}
