@@ -21,14 +21,14 @@ GOOD = sorted(FOLDER.glob("*.good.toml"))
 SAID = re.compile(r"# (error|warning) ([a-z-]+): (.+)$")
 
 CLASSES = {
-    "always-suppressed", "always-true", "bad-value", "band-inverted", "band-skipped", "condition-keys",
+    "bad-value", "band-inverted", "band-skipped", "condition-keys",
     "driver", "empty-interval", "equal-priority", "floor-unseen", "frames-reversed", "group-of-one", "height-unknown",
     "late",
     "latch-suppresses", "latch-unheard", "lost-cuts-off-delay", "lost-reversed", "motion-blind",
     "never-true", "no-effect",
     "output-unused", "pin-taken", "ramp-reversed", "reference-cycle",
     "safety-clears-at-once", "safety-delayed", "safety-observed",
-    "safety-shelved", "safety-suppressed", "shadowed", "unheard", "unknown-key", "unknown-name", "unknown-rule",
+    "safety-shelved", "safety-suppressed", "shadowed", "unheard", "unknown-key", "unknown-name",
     "unreachable",
     "tolerance-too-long", "unresolvable",
     "order-of-several", "order-twice", "shut-gate",

@@ -106,9 +106,3 @@ def test_a_gate_that_names_a_rule_of_several_targets_means_any_of_them(load):
         'when = { rule = "near" }\n[rules.near]\ntargets = ["ball", "tag"]\nwhen = { below = "1 m" }\n'
     ).plan.rules[0]
     assert [part.rule for part in beep.gate.condition.conditions] == ["near:ball", "near:tag"]
-
-
-def test_a_gate_that_asks_for_the_opposite_of_a_rule_which_may_be_unknown_is_warned_of(load):
-    configuration = load("when = { not = { rule = 'near' } }\n[rules.near]\ntarget = 'tag'\nwhen = { below = '1 m' }\n")
-    (warning,) = (each for each in configuration.warnings if each.code == "unknown-rule")
-    assert warning.message.endswith("this is unknown then, and 'beep' does not act")

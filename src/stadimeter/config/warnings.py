@@ -10,9 +10,8 @@ from typing import Any
 from msgspec import Struct
 
 from stadimeter.config.analysis import Subject, delay_s, frame_rate_hz, subject_of
-from stadimeter.config.analysis.bands import holding_warnings
 from stadimeter.config.analysis.memory import memory_warnings
-from stadimeter.config.analysis.promises import promise_warnings, unknown_warnings
+from stadimeter.config.analysis.promises import promise_warnings
 from stadimeter.config.analysis.references import rules_asked_for
 from stadimeter.config.analysis.schedules import schedule_warnings
 from stadimeter.config.analysis.writers import priority_warnings, shadow_warnings
@@ -373,13 +372,11 @@ _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
     _outputs_driven,
 )
 _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
-    holding_warnings,
     shadow_warnings,
     priority_warnings,
     timing_warnings,
     promise_warnings,
     schedule_warnings,
-    unknown_warnings,
     memory_warnings,
 )
 _ABOUT_DRIVERS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (

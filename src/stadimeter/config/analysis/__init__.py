@@ -1,4 +1,4 @@
-"""The subject of an analysis: compiled rules, each beside its table in the file, and the logic of their conditions."""
+"""The subject of an analysis: compiled rules, each beside its table in the file."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 from msgspec import Struct
 
-from stadimeter.config.analysis.logic import Logic
 from stadimeter.config.draft import Draft
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
 from stadimeter.core.rule import AlarmRule
@@ -26,7 +25,6 @@ class Subject(Struct, frozen=True, kw_only=True):
     draft: Draft
     rules: tuple[CompiledRule, ...]
     every_rule: tuple[CompiledRule, ...]
-    logic: Logic
 
     @property
     def alarms(self) -> Iterator[tuple[CompiledRule, AlarmRule]]:
@@ -46,7 +44,6 @@ def subject_of(draft: Draft) -> Subject:
         draft=draft,
         rules=tuple(each for each in draft.compiled if first[each.section] is each),
         every_rule=draft.compiled,
-        logic=Logic(targets=draft.target_names),
     )
 
 

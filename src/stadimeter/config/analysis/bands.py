@@ -1,28 +1,23 @@
-"""Conditions by themselves: limits in order, with an end and without chatter; never or always met, or suppressed."""
+"""Conditions by themselves: limits in order, with an end and without chatter, and parts that can hold together."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import combinations, islice
+from itertools import combinations
 from typing import Any
 
 from stadimeter.config.analysis import Subject
-from stadimeter.config.analysis.logic import Goal, Logic, Wanted
-from stadimeter.config.analysis.regions import beginning_of, range_of, region_of
+from stadimeter.config.analysis.overlap import Span, parts_of_all, range_of, span_of
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
 from stadimeter.config.toml_lines import KeyPath
-from stadimeter.core.conditions.compounds import AllOf, Condition
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition
+from stadimeter.core.conditions.discrete import CountCondition
 from stadimeter.core.conditions.limits import LimitsCondition, ends_of
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
-from stadimeter.core.rule import AlarmRule, LostPolicy, RampRule, gate_of
+from stadimeter.core.rule import AlarmRule, RampRule
 from stadimeter.core.words import short_figure
-
-# Pairs of parts that are tried at most to name the two that clash: those of some sixty parts.
-_MAX_PAIRS = 2000
 
 
 def band_errors(subject: Subject) -> Iterator[Finding]:
@@ -119,109 +114,53 @@ def _with_itself(leaf: WrittenCondition) -> Iterator[Finding]:
 
 
 def holding_errors(subject: Subject) -> Iterator[Finding]:
-    """Find conditions that can never hold."""
+    """Find conditions that can never hold, and gates that are open only where their rule does nothing."""
     for declared in subject.rules:
         for written in declared.conditions():
+            for leaf in written.leaves():
+                yield from _never(leaf, len(subject.draft.target_names))
             if not any(empty_leaves(written)):  # reported by `band_errors`
-                yield from _never(written, subject.logic)
-        yield from _shut(declared, subject.logic)
+                yield from _never_together(written)
+        yield from _shut(declared)
 
 
-def _shut(declared: CompiledRule, logic: Logic) -> Iterator[Finding]:
+def _never(leaf: WrittenCondition, targets: int) -> Iterator[Finding]:
+    """Find counts of more targets than there are, and figures that are never below zero."""
+    condition = leaf.leaf
+    if isinstance(condition, CountCondition):
+        least, most = ends_of(condition.at_least, condition.at_most)
+        is_never = len(condition.targets or range(targets)) < least <= most
+    else:
+        low, high = condition.limits
+        is_never = low < high <= 0 and not condition.is_signed
+    if is_never:
+        message = f"{leaf} can never hold"
+        yield Finding(leaf.path, message, "change one of its limits, or leave the rule out", "never-true")
+
+
+def _never_together(written: WrittenCondition) -> Iterator[Finding]:
+    """Find the first two parts of an `all`, wherever it stands in a condition, that exclude each other."""
+    parts = [(part, span) for part in parts_of_all(written) if (span := span_of(part.condition)) is not None]
+    for (first, one), (second, other) in combinations(parts, 2):
+        if not one.meets(other):
+            message = f"{first} and {second} never hold together, so the condition never does"
+            hint = "write any in place of all if one of them is enough, or change a limit"
+            yield Finding(written.path, message, hint, "never-true")
+            return
+    for part in parts_of_all(written):
+        for inner in part.parts():
+            yield from _never_together(inner)
+
+
+def _shut(declared: CompiledRule) -> Iterator[Finding]:
     """Find gates that are open only where their rule would do nothing."""
-    rule = declared.rule
-    if isinstance(rule, AlarmRule) or logic.can_be((region_of(rule), Wanted.TRUE)):
+    rule, acts = declared.rule, range_of(declared.rule)
+    if isinstance(rule, AlarmRule) or acts is None:
         return
-    if logic.can_be((rule.gate.condition, Wanted.TRUE)) and logic.can_be((range_of(rule), Wanted.TRUE)):
+    gates = (part for each in declared.conditions() if each.path[-1] == "when" for part in parts_of_all(each))
+    spans: list[Span | None] = [span_of(part.condition) for part in gates]
+    if any(span is not None and not span.meets(acts) for span in spans):
         kind = "ramp" if isinstance(rule, RampRule) else "follow"
         message = f"wherever this holds, the {kind} of '{declared.section}' does nothing: it never acts"
-        yield Finding(
-            declared.at("when"), message, f"let when hold where the {kind} acts, or leave it out", "shut-gate"
-        )
-
-
-def holding_warnings(subject: Subject) -> Iterator[Finding]:
-    """Find conditions that never cease to hold, and suppressions that meet their rule always."""
-    for declared in subject.rules:
-        for written in declared.conditions():
-            yield from _always(declared, written, subject.logic)
-        yield from _left_out(declared, subject.logic)
-        suppress_when = gate_of(declared.rule).suppress_when
-        if suppress_when is not None and _meets_always(region_of(declared.rule), suppress_when, subject.logic):
-            message = (
-                f"whenever '{declared.section}' holds, it is suppressed: it never drives and never notifies anything"
-            )
-            hint = "suppress it in fewer situations, or write observe = true if that is meant"
-            yield Finding(declared.at("suppress_when"), message, hint, "always-suppressed")
-
-
-def _left_out(declared: CompiledRule, logic: Logic) -> Iterator[Finding]:
-    """Find steps that are due when their alarm is raised, and whose condition cannot hold then."""
-    alarm = declared.rule
-    if not isinstance(alarm, AlarmRule) or alarm.lost.policy is LostPolicy.ASSERT:
-        return
-    for number, step in enumerate(alarm.escalation):
-        if step.when is None or step.on != "raised" or step.after_s > 0:
-            continue
-        goals: list[Goal] = [
-            (alarm.condition, Wanted.TRUE),
-            (step.when, Wanted.NOT_FALSE if step.send else Wanted.TRUE),
-        ]
-        if all(logic.can_be(goal) for goal in goals) and not logic.can_be(*goals):
-            message = f"when '{alarm.name}' is raised, this does not hold: the step is left out"
-            hint = 'write such as after = "10 s" if it may hold later, or leave the step out'
-            yield Finding(declared.at("escalation", number, "when"), message, hint, "never-true")
-
-
-def _meets_always(condition: Condition, suppression: Condition, logic: Logic) -> bool:
-    """Return whether a suppression that does not always hold does so wherever the condition holds."""
-    can_be_free = logic.can_be((suppression, Wanted.FALSE))
-    can_hold = logic.can_be((condition, Wanted.TRUE))
-    return can_be_free and can_hold and not logic.can_be((condition, Wanted.TRUE), (suppression, Wanted.NOT_TRUE))
-
-
-def _can_begin(logic: Logic, *written: WrittenCondition) -> bool:
-    return logic.can_be(*((beginning_of(each.condition), Wanted.TRUE) for each in written))
-
-
-def _never(written: WrittenCondition, logic: Logic) -> Iterator[Finding]:
-    if _can_begin(logic, written):
-        return
-    blamed = next((part for part in written.parts() if not _can_begin(logic, part)), None)
-    if blamed is not None and isinstance(written.condition, AllOf):
-        yield from _never(blamed, logic)
-        return
-    clash = _clash(written, logic)
-    if clash is None:
-        message = f"{written} can never hold"
-        yield Finding(written.path, message, "change one of its limits, or leave the rule out", "never-true")
-    else:
-        message = f"{clash[0]} and {clash[1]} never hold together, so the condition never does"
-        hint = "write any in place of all if one of them is enough, or change a limit"
-        yield Finding(written.path, message, hint, "never-true")
-
-
-def _clash(written: WrittenCondition, logic: Logic) -> tuple[WrittenCondition, WrittenCondition] | None:
-    """Return two parts of an ``all`` that cannot hold together, if two alone are enough for that."""
-    if not isinstance(written.condition, AllOf):
-        return None
-    pairs = islice(combinations(written.parts(), 2), _MAX_PAIRS)
-    return next((pair for pair in pairs if not _can_begin(logic, *pair)), None)
-
-
-def _always(declared: CompiledRule, written: WrittenCondition, logic: Logic) -> Iterator[Finding]:
-    if logic.can_be((written.condition, Wanted.FALSE)) or not logic.can_be((written.condition, Wanted.TRUE)):
-        return
-    if written.path[-1] == "suppress_when":
-        message = f"{written} always holds: the rule is suppressed for ever"
-    else:
-        where = "at all times" if _knows_always(written) else "wherever it is known"
-        is_alarm = isinstance(declared.rule, AlarmRule) and len(written.path) == len(declared.at("when"))
-        effect = "once raised, the alarm does not end" if is_alarm else "it holds nothing back"
-        message = f"{written} holds {where}: {effect}"
-    hint = "write all in place of any if both are meant together, or change a limit"
-    yield Finding(written.path, message, hint, "always-true")
-
-
-def _knows_always(written: WrittenCondition) -> bool:
-    return all(isinstance(leaf.leaf, PresenceCondition) for leaf in written.leaves())
+        hint = f"let when hold where the {kind} acts, or leave it out"
+        yield Finding(declared.at("when"), message, hint, "shut-gate")

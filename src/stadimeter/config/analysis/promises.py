@@ -6,18 +6,13 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 
 from stadimeter.config.analysis import Subject
-from stadimeter.config.analysis.logic import Goal, Logic, Wanted
 from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.findings import Finding, did_you_mean
-from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
-from stadimeter.core.conditions.compounds import AnyOf, Condition, depends_on, leaves, targets_of, with_leaves
-from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
+from stadimeter.config.rules.compiled import CompiledRule
+from stadimeter.core.conditions.compounds import depends_on, targets_of
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
-from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy, gate_of
-
-# A condition that never holds.
-_NEVER = AnyOf(conditions=())
+from stadimeter.core.rule import AlarmRule, FollowRule, LostPolicy, gate_of
 
 
 def promise_errors(subject: Subject) -> Iterator[Finding]:
@@ -123,66 +118,3 @@ def _never_undelivered(subject: Subject) -> Iterator[Finding]:
         if isinstance(leaf.condition, UndeliveredCondition):
             message = "no alarm is ever undelivered: there is no section [messenger], and no [notifiers.NAME]"
             yield Finding(leaf.path, message, "add one, or remove the condition", "unheard")
-
-
-# Conditions that ask for the opposite of another rule, and are unknown while that rule cannot be judged ---------------
-
-
-def unknown_warnings(subject: Subject) -> Iterator[Finding]:
-    """Find conditions that would hold if another rule counted as not active where nothing is known of it."""
-    rules = {each.rule.name: each.rule for each in subject.every_rule}
-    for declared in subject.rules:
-        rule, alarm = declared.rule, gate_of(declared.rule)
-        own = "is not raised" if isinstance(rule, AlarmRule) else "does not act"
-        effects = {
-            "when": own,
-            "suppress_when": "is not suppressed",
-            "escalation": "sends this step, or drives nothing",
-        }
-        for written in declared.conditions():
-            if written.condition is alarm.condition and alarm.lost.policy is LostPolicy.ASSERT:
-                continue  # what is unknown counts as holding
-            effect = f"'{rule.name}' {effects[str(written.path[2])]}"
-            for leaf in written.leaves():
-                asked = rules.get(leaf.condition.rule) if isinstance(leaf.condition, RuleCondition) else None
-                if asked is not None and _is_missed(subject.logic, written.condition, asked):
-                    yield _unknown_rule(leaf, asked, effect)
-                    break
-
-
-def _is_missed(logic: Logic, condition: Condition, asked: AnyRule) -> bool:
-    """Return whether it may be only a rule whose targets are out of sight that keeps a condition from holding."""
-    own = RuleCondition(rule=asked.name)
-    unknown: list[Goal] = [(own, Wanted.NOT_TRUE), (own, Wanted.NOT_FALSE)]
-    targets = targets_of(asked.condition) if isinstance(asked, AlarmRule) else {asked.target}
-    unseen: list[Goal] = [(PresenceCondition(seen=True, target=target), Wanted.FALSE) for target in sorted(targets)]
-    missed: list[Goal] = [(_without(condition, asked.name), Wanted.TRUE), (condition, Wanted.NOT_TRUE)]
-    return _may_be_unknown(logic, asked, unseen) and logic.can_be(*unseen, *unknown, *missed)
-
-
-def _may_be_unknown(logic: Logic, asked: AnyRule, unseen: list[Goal]) -> bool:
-    """Return whether it may be unknown whether a rule is active while its targets are out of sight."""
-    if not isinstance(asked, AlarmRule):
-        return True
-    if asked.lost.policy is not LostPolicy.HOLD or not any(leaf.has_figures for leaf in leaves(asked.condition)):
-        return False
-    return logic.can_be(*unseen, (asked.condition, Wanted.NOT_TRUE), (asked.condition, Wanted.NOT_FALSE))
-
-
-def _without(condition: Condition, rule: str) -> Condition:
-    """Return a condition for which a rule is never active."""
-    asks = RuleCondition(rule=rule)
-    return with_leaves(condition, (_NEVER if leaf == asks else leaf for leaf in leaves(condition)))
-
-
-def _unknown_rule(leaf: WrittenCondition, asked: AnyRule, effect: str) -> Finding:
-    message = (
-        f"while '{asked.target}' is out of sight, from the start on, nothing is known of '{asked.name}' unless it is "
-        f"active: this is unknown then, and {effect}"
-    )
-    if isinstance(asked, AlarmRule):
-        section = asked.name.partition(":")[0]
-        hint = f'write lost = {{ policy = "clear" }} in [rules.{section}]: then it counts as not active'
-    else:
-        hint = "ask for the target in place of the rule, such as any = [{ lost = true }, { below = … }]"
-    return Finding((*leaf.path, "rule"), message, hint, "unknown-rule")

@@ -6,14 +6,12 @@ from collections import defaultdict
 from collections.abc import Iterator
 
 from stadimeter.config.analysis import ASSUMED_RATE_HZ, Subject, delay_s
-from stadimeter.config.analysis.logic import Goal, Wanted
-from stadimeter.config.analysis.regions import region_of, widened_region_of
+from stadimeter.config.analysis.overlap import is_always_open, range_of
 from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import CompiledRule
-from stadimeter.core.conditions.compounds import Condition
 from stadimeter.core.decision import Severity
-from stadimeter.core.rule import AlarmRule, AnyRule, LostPolicy, gate_of
+from stadimeter.core.rule import AlarmRule, AnyRule, LostPolicy
 
 # A rule that wins an output for no longer than this, because the winner waits longer, has hardly any effect.
 MOMENT_S = 1.0
@@ -43,7 +41,7 @@ def _badly_combined(subject: Subject, earlier: CompiledRule, later: CompiledRule
     if 0.0 in levels and any(levels):
         silent = (earlier, later)[levels.index(0.0)]
         message = f"{both}, and the highest level counts: level 0 of '{silent.section}' never does"
-    elif all(patterns) and subject.logic.can_be(*((region_of(each.rule), Wanted.TRUE) for each in (earlier, later))):
+    elif all(patterns) and _may_meet(earlier.rule, later.rule):
         silent, message = later, f"{both}, and may act at once: their patterns mix"
     else:
         return
@@ -70,55 +68,29 @@ def _rivals(subject: Subject) -> Iterator[list[CompiledRule]]:
     return (rivals for rivals in by_output.values() if len(rivals) <= MAX_RIVALS)
 
 
+def _may_meet(first: AnyRule, second: AnyRule) -> bool:
+    one, other = range_of(first), range_of(second)
+    return one is None or other is None or one.meets(other)
+
+
 def _shadowed(subject: Subject) -> Iterator[tuple[CompiledRule, Finding]]:
     reported: set[str] = set()
     for rivals in _rivals(subject):
         for loser in rivals:
-            winners = _winners_over(loser.rule, rivals, subject)
-            if winners and loser.section not in reported:
+            winner = next((each for each in rivals if _goes_before(each.rule, loser.rule)), None)
+            if winner is not None and loser.section not in reported:
                 reported.add(loser.section)
-                yield loser, _loses(loser, winners)
-
-
-def _winners_over(loser: AnyRule, rivals: list[CompiledRule], subject: Subject) -> list[CompiledRule]:
-    """Return the rules of which one at least goes before a rule wherever it holds; none if there are no such."""
-    winners = [each for each in rivals if _goes_before(each.rule, loser)]
-    if not winners or not subject.logic.can_be(*_drives(loser, region_of(loser))):  # never-true is reported elsewhere
-        return []
-    if not _covered(loser, winners, subject):
-        return []
-    for each in list(winners):
-        fewer = [other for other in winners if other is not each]
-        if fewer and _covered(loser, fewer, subject):
-            winners = fewer
-    return winners
-
-
-def _covered(loser: AnyRule, winners: list[CompiledRule], subject: Subject) -> bool:
-    """Return whether one of the winners holds wherever the loser does: where they begin, and where they end."""
-    for region in (region_of, widened_region_of):
-        goals = _drives(loser, region(loser))
-        against: list[Goal] = [(region(each.rule, is_winner=True), Wanted.NOT_TRUE) for each in winners]
-        if subject.logic.can_be(*goals, *against):
-            return False
-    return True
-
-
-def _drives(rule: AnyRule, region: Condition) -> list[Goal]:
-    goals: list[Goal] = [(region, Wanted.TRUE)]
-    suppress_when = gate_of(rule).suppress_when
-    if suppress_when is not None:
-        goals.append((suppress_when, Wanted.NOT_TRUE))
-    return goals
+                yield loser, _loses(loser, winner)
 
 
 def _goes_before(winner: AnyRule, loser: AnyRule) -> bool:
-    """Return whether a rule that holds surely drives the output in place of another one that holds."""
-    if winner.priority <= loser.priority:
+    """Return whether a rule surely drives the output in place of another one, wherever that one holds."""
+    if winner.priority <= loser.priority or not is_always_open(winner):
         return False
     if isinstance(loser, AlarmRule) and (loser.latch or loser.lost.policy is LostPolicy.ASSERT):
         return False  # it can be active where its condition does not hold
-    if gate_of(winner).suppress_when is not None:
+    wide, narrow = range_of(winner), range_of(loser)
+    if wide is None or narrow is None or narrow.is_empty or not wide.covers(narrow):
         return False
     if not isinstance(winner, AlarmRule):
         return True
@@ -129,12 +101,11 @@ def _goes_before(winner: AnyRule, loser: AnyRule) -> bool:
     return delay_s(winner, ASSUMED_RATE_HZ) <= waits_s + MOMENT_S and stays_s <= winner.off_delay_s + MOMENT_S
 
 
-def _loses(loser: CompiledRule, winners: list[CompiledRule]) -> Finding:
-    output = loser.rule.output
-    names = " or ".join(f"'{each.rule.name}'" for each in winners)
+def _loses(loser: CompiledRule, winner: CompiledRule) -> Finding:
+    output, name = loser.rule.output, winner.rule.name
     message = (
-        f"wherever '{loser.section}' holds, {names} holds too and wins '{output}': '{loser.section}' never drives it, "
+        f"wherever '{loser.section}' holds, '{name}' holds too and wins '{output}': '{loser.section}' never drives it, "
         "or for a moment only"
     )
-    hint = f"give '{loser.section}' the highest priority of them, or make {names} hold in fewer situations"
+    hint = f"give '{loser.section}' the higher priority, or make '{name}' hold in fewer situations"
     return Finding(loser.path, message, hint, "shadowed")

@@ -1,8 +1,7 @@
 """A simple condition, the base of every kind, and all that conditions are judged by.
 
 A kind is one class in this package. It states whether it holds, and the figure and the thresholds that it was judged
-by. `stadimeter.core.condition_words` words conditions, and
-`stadimeter.config.analysis.situations` reasons about them: a kind that these do not name by its noun, unit and limits.
+by. `stadimeter.core.condition_words` words conditions: a kind that it does not name by its noun, unit and limits.
 """
 
 from __future__ import annotations
