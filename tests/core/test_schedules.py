@@ -5,10 +5,10 @@ from datetime import date, timedelta
 
 import pytest
 
+from stadimeter.core.condition_words import clock_words, hours
 from stadimeter.core.conditions.discrete import DateSpan, ScheduleCondition
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.observation import MonthDay, WallTime
-from stadimeter.core.schedule_words import clock_words, hours
 
 HOUR_S = 3600.0
 CHRISTMAS = DateSpan(MonthDay(12, 24), MonthDay(12, 26))

@@ -21,7 +21,7 @@ from stadimeter.core.home_assistant import (
     is_entry,
 )
 from stadimeter.core.message import Message
-from stadimeter.messaging import retained_topics
+from stadimeter.messaging import broker_link
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.testing.rig import eventually
 from support.broker import HOST
@@ -123,7 +123,7 @@ def test_a_device_that_is_announced_elsewhere_or_no_more_leaves_no_ghost(now, br
 def test_after_the_birth_of_home_assistant_it_is_announced_again_and_states_are_due(
     broker, make_messenger, listen, monkeypatch
 ):
-    monkeypatch.setattr(retained_topics, "BIRTH_SPREAD_S", 0.01)
+    monkeypatch.setattr(broker_link, "BIRTH_SPREAD_S", 0.01)
     messenger = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
     witness.wait_for("stadimeter/it/retained/it/0")
@@ -137,7 +137,7 @@ def test_after_the_birth_of_home_assistant_it_is_announced_again_and_states_are_
 
 
 def test_a_birth_that_the_broker_has_kept_is_none(broker, make_messenger, listen, monkeypatch):
-    monkeypatch.setattr(retained_topics, "BIRTH_SPREAD_S", 0.0)
+    monkeypatch.setattr(broker_link, "BIRTH_SPREAD_S", 0.0)
     publish.single(BIRTH, "online", qos=1, retain=True, hostname=HOST, port=broker.port)
     messenger = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)

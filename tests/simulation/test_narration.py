@@ -10,8 +10,7 @@ from msgspec.structs import replace
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.simulation.narration import AFTER, AFTER_S, BY_HAND, DURING, OUT_OF_SIGHT, Narrator, StoryLine
-from stadimeter.simulation.world import FaultKind
+from stadimeter.simulation.world import AFTER, AFTER_S, BY_HAND, DURING, OUT_OF_SIGHT, FaultKind, Narrator, StoryLine
 
 STORY = [StoryLine.model_validate({"at": at, "say": say}) for at, say in (("10 s", "it comes"), ("2 s", "it rolls"))]
 

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.errors import PictureError
 from stadimeter.workbench import annotation
-from stadimeter.workbench.annotation import GREEN, GREY, ORANGE, RED, Mark, annotate, write_picture
-from stadimeter.workbench.labels import Box
+from stadimeter.workbench.annotation import GREEN, GREY, ORANGE, RED, Box, Mark, annotate, write_picture
 
 pytestmark = pytest.mark.vision
 
