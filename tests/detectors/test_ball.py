@@ -136,7 +136,7 @@ def test_a_picture_without_the_colour_says_so(ball_detector, draw, wall) -> None
 def test_a_ball_that_is_too_small_says_how_small(ball_detector, draw, wall) -> None:
     found = ball_detector(min_radius_px=8).detect(draw.frame(draw.disc(wall(), (320, 240), 4, RED)))
     assert found.status is DetectionStatus.NOT_FOUND
-    assert found.reason == "blob of 8 px lies in a circle of 8 px, limit 16 px"
+    assert found.reason == "outline of 8 px lies in a circle of 8 px, limit 16 to 1280 px"
 
 
 def test_a_ball_that_is_too_large_says_so(ball_detector, draw, wall) -> None:

@@ -31,9 +31,9 @@ def test_most_silver_balls_are_found_and_hardly_one_is_far_off(ball_detector, dr
     for seed in range(20):
         made = render(silver_ball(seed, (12.0, 70.0)).scene)
         found = ball_detector(hsv=None).detect(draw.frame(made.image))
-        if found.status is DetectionStatus.FOUND:
+        if found.is_whole:
             errors.append(abs(found.width_px / made.truth.apparent_px - 1))
-    assert len(errors) >= 17
+    assert len(errors) >= 16
     assert np.median(errors) < 0.02
     assert np.count_nonzero(np.array(errors) > 0.1) <= 1
 

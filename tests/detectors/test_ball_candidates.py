@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from stadimeter.core.detection import DetectionStatus, Prediction
-from stadimeter.core.frame import Image
-from stadimeter.detectors.ball import choice
-from stadimeter.detectors.ball.choice import look_by_colour
-from stadimeter.detectors.ball.gates import BallScene
-from stadimeter.detectors.ball.limb import Limb
+from stadimeter.core.frame import Frame, Image
+from stadimeter.detectors.ball import BallDetector, BallOptions
+from support.scenes.backdrop import PlainBackdrop
+from support.scenes.ball import BallTarget
+from support.scenes.cut_sheet import GroupTarget
+from support.scenes.draw import CAMERA
+from support.scenes.render import render
+from support.scenes.scene import Scene
 
 pytestmark = pytest.mark.vision
 
@@ -39,32 +42,11 @@ def test_dots_of_its_colour_around_a_ball_do_not_win(ball_detector, draw, wall, 
     assert found.width_px == pytest.approx(2 * RADIUS_PX, rel=0.03)
 
 
-def test_beside_a_ball_without_doubt_things_of_its_colour_are_not_looked_at_again(
-    ball_detector, draw, wall, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    looks: list[float] = []
-
-    def count(scene: BallScene, limb: Limb, within_px: float) -> Limb:
-        looks.append(limb.circle.radius_px)
-        return look_by_colour(scene, limb, within_px)
-
-    monkeypatch.setattr(choice, "look_by_colour", count)
-    bars = draw.polygon(wall(), [(60, 380), (560, 410), (540, 440), (90, 420)], RED)
-    for x in range(95, 620, 75):
-        bars = draw.polygon(bars, [(x, 10), (x + 40, 20), (x + 30, 90), (x + 10, 80)], RED)
-    alone = ball_detector().detect(draw.frame(draw.noise(bars)))
-    looks_alone, beside = len(looks), draw.frame(draw.noise(draw.disc(bars, CENTRE, RADIUS_PX, RED)))
-    looks.clear()
-    found = ball_detector().detect(beside)
-    assert alone.status is DetectionStatus.NOT_FOUND
-    assert found.width_px == pytest.approx(2 * RADIUS_PX, rel=0.02)
-    assert len(looks) < looks_alone / 3
-
-
 @pytest.mark.parametrize("half_axes", [(26, 19), (53, 39), (60, 40), (90, 60)])
-def test_an_ellipse_is_no_ball(ball_detector, draw, wall, half_axes: tuple[int, int]) -> None:
+def test_an_ellipse_is_never_taken_for_a_ball_without_a_doubt(ball_detector, draw, wall, half_axes) -> None:
     found = ball_detector().detect(draw.frame(draw.noise(_ellipse(wall(), half_axes, RED))))
-    assert found.status is DetectionStatus.NOT_FOUND
+    assert found.status in (DetectionStatus.NOT_FOUND, DetectionStatus.PERHAPS)
+    assert found.reason
 
 
 def test_a_ball_that_a_stripe_parts_is_found_whole(ball_detector, draw, wall) -> None:
@@ -105,8 +87,7 @@ def _hoop(image: Image, bgr: tuple[int, int, int]) -> Image:
 def test_a_hoop_is_no_ball_since_most_of_it_has_another_colour(ball_detector, draw, wall) -> None:
     found = ball_detector().detect(draw.frame(draw.noise(_hoop(wall(), RED))))
     assert found.status is DetectionStatus.NOT_FOUND
-    (hoop,) = (each for each in found.rejected if each.size_px > 200 and "has the ball's colour" in each.reason)
-    assert hoop.reason.endswith("limit 30%")
+    assert any(each.size_px > 200 and "has the ball's colour" in each.reason for each in found.rejected)
 
 
 def test_a_ball_within_a_hoop_of_its_colour_is_found(ball_detector, draw, wall) -> None:
@@ -123,3 +104,43 @@ def test_a_square_of_its_colour_is_no_ball(ball_detector, draw, wall, half_px: f
     square = draw.polygon(wall(), [(float(x), float(y)) for x, y in corners], RED)
     found = ball_detector().detect(draw.frame(draw.noise(cv2.GaussianBlur(square, (0, 0), 0.8))))
     assert found.status is DetectionStatus.NOT_FOUND
+
+
+def test_a_ball_is_found_in_a_blob_that_an_arm_of_its_colour_joins(ball_detector, draw, wall) -> None:
+    arm = draw.polygon(wall(), [(330, 260), (420, 480), (620, 480), (350, 200)], RED)
+    found = ball_detector().detect(draw.frame(draw.noise(draw.disc(arm, CENTRE, RADIUS_PX, (60, 60, 230)))))
+    assert found.status is DetectionStatus.FOUND
+    assert found.width_px == pytest.approx(2 * RADIUS_PX, rel=0.03)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.8])
+def test_a_near_ball_that_the_border_cuts_off_is_no_far_one_beside_it(share: float) -> None:
+    depth_m, radius_m = 0.2, 0.032
+    off_px = share * 0.8 * radius_m / depth_m * CAMERA.fx_px
+    near = BallTarget(
+        position_m=((CAMERA.width_px / 2 + off_px) / CAMERA.fx_px * depth_m, 0.0, depth_m), diameter_m=2 * radius_m
+    )
+    speck = BallTarget(position_m=(-0.5, -0.2, 3.0), diameter_m=2 * radius_m)
+    scene = Scene(
+        camera=CAMERA,
+        target=GroupTarget(first=near, others=(speck,)),
+        seed=5,
+        backdrop=PlainBackdrop(bgr=(150, 155, 160)),
+    )
+    options = BallOptions.model_validate({"diameter": "6.4 cm", "hsv": "29,86,6:64,255,255"})
+    found = BallDetector("ball", options).detect(Frame(render(scene).image, 0.0, 0), lens=CAMERA)
+    assert found.status is DetectionStatus.TRUNCATED
+    assert "cut off by the border" in found.reason
+
+
+@pytest.mark.long
+def test_what_is_weakly_seen_is_perhaps_the_ball_and_says_why(ball_detector, draw, wall) -> None:
+    hidden = [(250, 170), (330, 170), (330, 310), (250, 310)]
+    seen = {}
+    for right in range(300, 372, 6):
+        hidden[1:3] = [(right, 170), (right, 310)]
+        picture = draw.polygon(draw.disc(wall(), CENTRE, RADIUS_PX, RED), hidden, SKIN)
+        found = ball_detector().detect(draw.frame(draw.noise(picture)))
+        seen.setdefault(found.status, found)
+    assert set(seen) == {DetectionStatus.FOUND, DetectionStatus.PERHAPS, DetectionStatus.NOT_FOUND}
+    assert "perhaps another thing: it is not round" in seen[DetectionStatus.PERHAPS].reason

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.detectors.ball.circles import Edges, find_circle, find_common_circle
+from stadimeter.detectors.ball.circles import find_common_circle
 
 pytestmark = pytest.mark.vision
 
@@ -38,27 +38,5 @@ def test_the_circle_that_most_points_lie_on_is_found(
     assert on_it.mean() > 0.7
 
 
-def _rows(points: np.ndarray, a_row: int = 1) -> Edges:
-    """Return points as edges, this many along each radial."""
-    return Edges(points.reshape(-1, a_row, 2), np.ones((len(points) // a_row, a_row)))
-
-
-def test_a_circle_is_found_among_twice_as_many_other_edges() -> None:
-    rng = np.random.default_rng(3)
-    circle = _arc(200, 150, 40, count=80)
-    clutter = rng.uniform((120, 70), (280, 230), (80, 2, 2))
-    edges = _rows(np.concatenate([circle[:, None], clutter], axis=1).reshape(-1, 2), 3)
-    found = find_circle(edges, circle[::8], math.pi * 40**2, (1.5, 0.03))
-    assert found is not None
-    assert (found.x_px, found.y_px, found.radius_px) == pytest.approx((200, 150, 40), abs=1.5)
-
-
-@pytest.mark.parametrize("points", [np.empty((0, 2)), np.ones((5, 2)), np.ones((50, 2)), _arc(0, 0, 10)[:5]])
-def test_too_little_is_no_circle(points: np.ndarray) -> None:
-    assert find_circle(_rows(points), np.zeros((1, 2)), 100.0, (1.5, 0.05)) is None
-
-
 def test_points_on_a_line_are_no_circle() -> None:
-    line = np.column_stack([np.arange(50.0), np.full(50, 7.0)])
-    assert find_circle(_rows(line), line, 100.0, (1.5, 0.05)) is None
-    assert find_common_circle(line) is None
+    assert find_common_circle(np.column_stack([np.arange(50.0), np.full(50, 7.0)])) is None

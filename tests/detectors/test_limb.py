@@ -13,11 +13,11 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.choice import look_by_colour
 from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.colours import find_plausible, learn_colours, likely_drop
-from stadimeter.detectors.ball.gates import BallGates, BallScene
+from stadimeter.detectors.ball.evidence import BallScene
 from stadimeter.detectors.ball.limb import Limb, find_limb
+from stadimeter.detectors.ball.look_again import look_by_colour
 from support.each_case import each_case
 from support.scenes import draw
 from support.scenes.backdrop import PlainBackdrop
@@ -59,8 +59,7 @@ def _find(image: Image, start: ImageCircle, within_px: float, camera: CameraMode
     limb = find_limb(image, start, within_px, camera)
     if limb is None or not limb.is_doubtful:
         return limb
-    gates = BallGates(colour=None, min_radius_px=5.0, max_radius_px=math.inf)
-    scene = BallScene(image=image, lens=camera, is_lens_known=True, gates=gates, refusals=[], looks={})
+    scene = BallScene(image=image, lens=camera, is_lens_known=True, colour=None, radii_px=(5.0, math.inf), seen=[])
     return look_by_colour(scene, limb, within_px)
 
 

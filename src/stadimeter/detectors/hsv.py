@@ -14,7 +14,6 @@ from typing import Annotated
 import cv2
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, InstanceOf
 
@@ -33,12 +32,6 @@ MIN_CHROMA = 8
 # those that are more saturated too: that needs no look at the saturation of each. Not so for ranges of dark colours,
 # nor where nothing else is found.
 DARK_VALUE = 32
-
-# Pixels that are dark are looked at if there are as many more of them with the colour: by this factor, and number.
-MORE_OF_DARK, MIN_OF_DARK = 1.1, 4
-
-# Among fewer pixels there is nothing to tell apart.
-MIN_TOLD_APART = 64
 
 # Up to this many are converted as one row, which saves OpenCV what it spends on each: two thirds at 80 by 60. More may
 # be spread over several threads, by rows.
@@ -154,25 +147,6 @@ def _between(hsv: cv2.typing.MatLike, lower: tuple[int, ...], upper: tuple[int, 
 
 
 HsvRangeText = Annotated[InstanceOf[HsvRange], BeforeValidator(parse_hsv_range)]
-
-
-def other_ranges(image: Image, colour: HsvRange) -> Iterator[HsvRange]:
-    """Yield ranges that may show a ball where its own shows none.
-
-    First with the darkest pixels. Then the more saturated of the pixels in the range, and the brighter of them: a range
-    that holds the ball may hold the floor or a hand as well, but hardly anything is exactly as vivid.
-    """
-    mask, with_dark = colour.mask(image), replace(colour, keeps_dark=True)
-    if cv2.countNonZero(with_dark.mask(image)) > MORE_OF_DARK * cv2.countNonZero(mask) + MIN_OF_DARK:
-        yield with_dark
-    pixels = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)[mask > 0]
-    if len(pixels) < MIN_TOLD_APART:
-        return
-    for channel in (1, 2):
-        least, _ = cv2.threshold(pixels[None, :, channel].copy(), 0, 255, cv2.THRESH_OTSU)
-        lower = list(colour.lower)
-        lower[channel] = max(lower[channel], int(least) + 1)
-        yield replace(colour, lower=(lower[0], lower[1], lower[2]))
 
 
 # Where something is in a picture: x and y in pixels.

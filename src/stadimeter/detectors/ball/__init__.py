@@ -1,17 +1,16 @@
-"""The ball detector: a sphere of one colour, by the cone of rays that touches it.
+"""The ball detector: a sphere of one colour, or of any, by the cone of rays that touches it.
 
-Blobs of the ball's colour say where to look (`blobs`). Around each, the steps from ball to background are found along
-spokes, between the pixels (`limb_edges`), and the cone of a sphere is fitted to them (`limb`,
-`stadimeter.ranging.ball`). Where a blob is not round, since part of the ball is in the shade or hidden, the
-circle of edges around it is the start (`find_edge_circle`); where other things of its colour touch the ball, the
-largest circle within. What does not look like a ball then is refused, with the test that it failed (`BallGates`). Where
-a ball is expected, only the ring around its predicted limb is looked at.
+Blobs of the ball's colour and circles of edges say where to look (`search`). Around each, the steps from ball to
+background are found along spokes, between the pixels (`limb_edges`), and the cone of a sphere is fitted to them
+(`limb`, `stadimeter.ranging.ball`). All that is seen of a limb is weighed together (`evidence`): the likeliest is the
+ball, perhaps the ball, or no ball, and then what speaks against it most is told. Where a ball is expected, only the
+ring around its predicted limb is looked at.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Self
 
 from msgspec.structs import replace
@@ -23,31 +22,24 @@ from stadimeter.config.units import Tolerance
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.ball.any_colour import pick_circles
-from stadimeter.detectors.ball.blobs import Blob, find_blobs, join_patches, search_step, thin_out
-from stadimeter.detectors.ball.choice import BestBall, RangeSearch, best_and_rival, explains, is_found_again, look_again
-from stadimeter.detectors.ball.circles import ImageCircle, find_edge_circle
+from stadimeter.detectors.ball.blobs import Blob, find_blobs, search_step
+from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.colour_proposal import propose, view
-from stadimeter.detectors.ball.gates import (
-    MIN_FILL,
-    BallGates,
+from stadimeter.detectors.ball.evidence import (
+    LIKELY,
+    POSSIBLE,
+    SURE,
     BallScene,
     FoundBall,
     is_as_expected,
-    list_most_alike,
-    refuse_too_little_colour,
-    refuse_without_limb,
     scene_of,
 )
-from stadimeter.detectors.ball.limb import Limb, find_limb, within
+from stadimeter.detectors.ball.search import FIRST_REACH_PX, search_at, search_blobs, search_circles
 from stadimeter.detectors.ball.setup import ball_kinds
-from stadimeter.detectors.hsv import HsvRange, HsvRangeText, other_ranges, parse_hsv_range
+from stadimeter.detectors.hsv import HsvRange, HsvRangeText, parse_hsv_range
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, Exercise
 from stadimeter.detectors.sampling import REGION_SIGMAS, Region
 from stadimeter.ranging.ball import BallShape
-
-# Reach of the search for the limb on either side of a blob's circle: pixels, or cells and a half of the search.
-FIRST_REACH_PX, REACH_OF_STEP = 8.0, 1.5
 
 # A search of more pixels than these looks at a quarter of them first.
 COARSE_STEP = 8
@@ -56,25 +48,21 @@ COARSE_FROM_PIXELS = 10_000
 # Least width of a ball in those, in cells.
 COARSE_CELLS = 3
 
+# A ball is no narrower than this share of the blob that shows it, unless that shows more than the ball.
+MIN_SHARE_EXPLAINED = 0.7
+
 # With a prediction that is less sure, the blobs near the expected place are looked at instead.
 CERTAIN_PX, REACH_SIGMAS = 2.0, 2.5
 MAX_RING_PX = 16.0
 
-# Greatest radius of a ball that the search within and around a blob finds, in half sizes of the blob.
-WITHIN_REACH, AROUND_REACH = 1.2, 2.0
+# What lies beside the best limb may be the ball as well if it is no smaller than this share of it, and has no less than
+# this much less evidence, or is beyond doubt.
+RIVAL_SIZE, RIVAL_EVIDENCE = 0.6, 1.0
 
-# Number of blobs tried of another range than the ball's own, and least quality there: chance has had its turn.
-MAX_OTHER_BLOBS, QUALITY_OF_OTHERS = 4, 0.2
+# Something cut off by the border, and so many times as large, is the ball before something whole.
+MUCH_LARGER = 3.0
 
-# The largest circle within a blob says no more than the one around it unless it is narrower by this factor.
-NARROWER = 0.85
-
-# No circle of edges is looked for around a blob that covers a smaller share of its own circle: it is the grain of wood,
-# a joint or a rim. Of 635 balls with markings, on textured floors and in hands none showed so little.
-MIN_FILL_AROUND = 0.2
-
-# Number of blobs around which the circle of edges is looked for, which is slow.
-MAX_SEARCHED_AROUND = 3
+MAX_REJECTED = 8
 
 
 class BallOptions(DriverOptions):
@@ -145,11 +133,7 @@ class BallDetector:
             diameter_m=options.diameter, relative_sigma=(options.tolerance or 0.0) / options.diameter
         )
         self._colour = options.hsv
-        self._gates = BallGates(
-            colour=options.hsv,
-            min_radius_px=options.min_radius_px,
-            max_radius_px=options.max_radius_px or math.inf,
-        )
+        self._radii_px = (options.min_radius_px, options.max_radius_px or math.inf)
         self._step = search_step(options.min_radius_px)
 
     def edge_points(self, frame: Frame, found: Detection, *, lens: CameraModel | None = None) -> Points:  # noqa: ARG002
@@ -169,7 +153,7 @@ class BallDetector:
         Away from the optical axis a ball looks like an ellipse that points to the middle of the picture; width and
         height are both its smaller diameter, across that direction, which is the one that says how deep the ball lies.
         """
-        scene = scene_of(frame, lens, self._gates)
+        scene = self._scene_of(frame, lens)
         if prediction is not None:
             # Tracking: only the ring around the predicted limb is read, so its cost does not grow with the picture: 21
             # to 38 times as fast as the tutorial, the whole search 11 to 14 times (docs/benchmarks/report.md).
@@ -177,52 +161,48 @@ class BallDetector:
             if expected is not None:
                 return self._report_found(scene, expected)
             # What was refused near a prediction says nothing of the rest of the picture.
-            scene.refusals.clear()
+            scene.seen.clear()
         if (colour := self._colour) is None:
-            return self._find_any_colour(scene)
-        if self._around_px is None and (large := self._find_large(scene, colour)) is not None:
-            return self._report_found(scene, large)
-        blobs = find_blobs(frame.image, colour, self._step)
-        if (place_px := self._around_px) is None:
-            ball = self._search_ranges(scene, colour, blobs)
-        else:
-            ball = self._finish(self._begin(scene, [blob for blob in blobs if _reaches(blob, place_px)]))
-        return self._report_not_found(scene, blobs) if ball is None else self._report_found(scene, ball)
+            search_circles(scene)
+            return self._report(scene, "no circle of edges")
+        place_px = self._around_px
+        if place_px is None and self._has_large(scene, colour):
+            return self._report(scene, "")
+        blobs = self._list_blobs(scene, colour)
+        if not blobs:
+            # Dark pixels, which are left out since they take longer, may be all that the ball shows.
+            scene = scene._replace(colour=replace(colour, keeps_dark=True))
+            blobs = self._list_blobs(scene, replace(colour, keeps_dark=True))
+        if place_px is not None:
+            blobs = [blob for blob in blobs if _reaches(blob, place_px)]
+        search_blobs(scene, blobs)
+        if place_px is None and blobs and not scene.is_settled():
+            search_circles(scene)
+        return self._report(scene, f"no pixel has the ball's colour {colour}")
 
-    def _find_any_colour(self, scene: BallScene) -> Detection:
-        """Return the ball among the circles of edges; none if there are two that are as much like one."""
-        choice, balls = BestBall(), list[FoundBall | None]()
-        for circle in pick_circles(scene, choice):
-            balls.append(self._search_at(choice.beside(scene), circle, within(circle)))
-            choice.take(balls[-1])
-        best, rival = best_and_rival(balls)
-        if rival:
-            return self._refuse(f"what is round at {rival} is as much like a ball; give its colours, hsv", scene)
-        if best is not None:
-            return self._report_found(scene, best)
-        rejected = list_most_alike(scene.refusals)
-        seen = f"outline of {rejected[0].size_px:.0f} px {rejected[0].reason}" if rejected else "no circle of edges"
-        return self._refuse(seen, scene)
+    def _scene_of(self, frame: Frame, lens: CameraModel | None) -> BallScene:
+        # An arc of a circle that is wider than the picture is hardly told from a line.
+        least_px, most_px = self._radii_px
+        return scene_of(frame, lens, self._colour, (least_px, min(most_px, max(frame.image.shape[:2]))))
 
-    def _refuse(self, reason: str, scene: BallScene) -> Detection:
-        rejected = list_most_alike(scene.refusals)
-        return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason, rejected=rejected)
+    def _list_blobs(self, scene: BallScene, colour: HsvRange, region: Region | None = None) -> list[Blob]:
+        return find_blobs(scene.image, colour, self._step, region)
 
-    def _find_large(self, scene: BallScene, own: HsvRange) -> FoundBall | None:
-        """Return a large ball beyond doubt, found in few pixels; None if it takes more of them to tell."""
+    def _has_large(self, scene: BallScene, own: HsvRange) -> bool:
+        """Return whether there is a large ball beyond doubt, found in few pixels."""
         height, width = scene.image.shape[:2]
         if width * height <= COARSE_FROM_PIXELS * self._step**2 or self._step >= COARSE_STEP:
-            return None
+            return False
         # Every eighth pixel instead of every fourth: a quarter of the reading. What is found is measured in all pixels
         # all the same, so only a ball of few cells would be less sure, and that goes to the full search.
         blobs = find_blobs(scene.image, own, COARSE_STEP)
         if not blobs or blobs[0].size_px < COARSE_CELLS * COARSE_STEP:
-            return None
-        ball = self._begin(scene, blobs[:1]).choice.ball
-        if explains(ball, blobs[0]):
-            return ball
-        scene.refusals.clear()
-        return None
+            return False
+        search_blobs(scene, blobs[:1])
+        if scene.is_settled(MIN_SHARE_EXPLAINED * blobs[0].circle.radius_px):
+            return True
+        scene.seen.clear()
+        return False
 
     def _find_expected(self, scene: BallScene, prediction: Prediction) -> FoundBall | None:
         """Look where the ball is expected: at the ring around its limb, or else at the blobs around it."""
@@ -231,12 +211,12 @@ class BallDetector:
             return None
         # The ring: its width follows from the prediction's standard deviation, beyond the 2 px that a still target has
         # anyway. A ring of more than 16 px either side holds edges of other things.
-        start = ImageCircle(x_px=x_px, y_px=y_px, radius_px=max(radius_px, self._gates.min_radius_px))
+        start = ImageCircle(x_px=x_px, y_px=y_px, radius_px=max(radius_px, self._radii_px[0]))
         scene = scene._replace(expected=start)
         reach_px = FIRST_REACH_PX + REACH_SIGMAS * max(0.0, prediction.sigma_px - CERTAIN_PX)
         if reach_px <= MAX_RING_PX:
-            in_ring = self._search_at(scene, start, reach_px)
-            if in_ring is not None and is_as_expected(in_ring, prediction):
+            in_ring = search_at(scene, start, reach_px)
+            if in_ring is not None and in_ring.evidence >= LIKELY and is_as_expected(in_ring, prediction):
                 return in_ring
         # Half the side of the square that is searched, in pixels: the ball, half as much again for blobs that reach
         # beyond it, and four standard deviations of the place.
@@ -244,112 +224,34 @@ class BallDetector:
         region = Region.around((x_px, y_px), half_px, scene.image)
         if region is None or self._colour is None:
             return None
-        ball = self._finish(self._begin(scene, find_blobs(scene.image, self._colour, self._step, region)))
-        return ball if ball is not None and is_as_expected(ball, prediction) else None
+        search_blobs(scene, self._list_blobs(scene, self._colour, region))
+        ball = scene.best
+        is_it = ball is not None and ball.evidence >= LIKELY and is_as_expected(ball, prediction)
+        return ball if is_it else None
 
-    def _search_ranges(self, scene: BallScene, own: HsvRange, blobs: Sequence[Blob]) -> FoundBall | None:
-        """Return the ball by its range of colours, or by more or less of it; what was refused there is not reported."""
-        searches = [self._begin(scene, blobs)]
-        if searches[0].choice.ball is None:
-            # A range given by hand may hold the floor or a hand as well, so that the blob is no ball; the more
-            # saturated or brighter part of it may be the ball alone. A sure one saves the slower searches.
-            for colour in other_ranges(thin_out(scene.image, self._step), own):
-                narrowed = scene._replace(gates=replace(scene.gates, colour=colour), refusals=[])
-                searches.append(self._begin(narrowed, find_blobs(scene.image, colour, self._step)[:MAX_OTHER_BLOBS]))
-                if searches[-1].choice.has_sure:
-                    return searches[-1].choice.ball
-        for search in searches:
-            ball = self._finish(search)
-            if ball is not None and (search is searches[0] or ball.quality >= QUALITY_OF_OTHERS):
-                return ball
-        return None
+    def _report(self, scene: BallScene, nothing: str) -> Detection:
+        """Return the best of what was seen: the ball, perhaps the ball, or why there is none."""
+        ranked = scene.ranked
+        if not ranked:
+            return self._refuse(nothing, scene)
+        best = ranked[0]
+        nearer = next((each for each in ranked if _is_nearer(each, best)), None)
+        if nearer is not None:
+            return self._report_found(scene, nearer)
+        size_px = 2 * best.limb.circle.radius_px
+        if best.evidence < (LIKELY if best.is_cut_off else POSSIBLE):
+            return self._refuse(f"outline of {size_px:.0f} px {best.rejected.reason}", scene)
+        rivals = [each for each in ranked if _is_rival(best, each)]
+        if rivals and (self._colour is None or best.evidence < LIKELY):
+            places = " and ".join(
+                f"{x:.0f},{y:.0f}" for x, y in (each.rejected.centre_px for each in (best, rivals[0]))
+            )
+            return self._refuse(f"what is round at {places} is as much like a ball; give its colours, hsv", scene)
+        return self._report_found(scene, best)
 
-    def _begin(self, scene: BallScene, blobs: Sequence[Blob]) -> RangeSearch:
-        """Try the circle around each blob, the largest first, and look again at what is round enough without that."""
-        large = [blob for blob in blobs if blob.size_px >= 2 * self._gates.min_radius_px - self._step]
-        # Branch and bound. A second look takes several times as long as the first, so what is sure without comes first.
-        search = RangeSearch(scene, large, BestBall(), [])
-        for blob in large:
-            if search.choice.is_better_than(WITHIN_REACH * blob.circle.radius_px):
-                break
-            self._search_within(search, blob)
-        search.doubts.sort(key=lambda doubt: doubt.margin)
-        self._look_again(search, 0.0)
-        return search
-
-    def _finish(self, search: RangeSearch) -> FoundBall | None:
-        """Take the looks that are left, and the slower searches unless a ball is sure then; return the best ball."""
-        self._look_again(search, -math.inf)
-        # Slower searches beside a sure ball changed 2 of 540 results, by 0.1 and by 0.6 %.
-        for try_at, blob in () if search.choice.has_sure else self._slower_searches(search.large):
-            if not search.choice.is_better_than(AROUND_REACH * blob.circle.radius_px):
-                search.choice.take(try_at(search.choice.beside(search.scene), blob))
-        return search.choice.ball
-
-    def _look_again(self, search: RangeSearch, least_margin: float) -> None:
-        """Look again, by colour, at the limbs that leave doubt and are as well supported, the best first."""
-        while search.doubts and search.doubts[-1].margin >= least_margin:
-            blob, limb, reach_px, _ = search.doubts.pop()
-            if not search.choice.is_better_than(WITHIN_REACH * blob.circle.radius_px):
-                again = look_again(search.choice.beside(search.scene), limb, reach_px)
-                search.choice.take(self._judge(search.scene, blob.circle, again, blob.coloured_px2))
-
-    def _slower_searches(
-        self, blobs: Sequence[Blob]
-    ) -> Iterator[tuple[Callable[[BallScene, Blob], FoundBall | None], Blob]]:
-        """Yield slower searches around the largest blobs."""
-        for blob in blobs[:MAX_SEARCHED_AROUND]:
-            yield self._search_inscribed, blob
-        for blob in [*join_patches(blobs, MAX_SEARCHED_AROUND), *blobs[:MAX_SEARCHED_AROUND]]:
-            yield self._search_around, blob
-
-    def _search_within(self, search: RangeSearch, blob: Blob) -> None:
-        """Try the circle around a blob, unless that could not show enough of the ball's colour."""
-        if blob.fill < MIN_FILL:
-            search.scene.refusals.append(refuse_too_little_colour(blob.circle, blob.fill))
-            return
-        reach_px = max(FIRST_REACH_PX, REACH_OF_STEP * blob.step)
-        limb = find_limb(search.scene.image, blob.circle, reach_px, search.scene.lens)
-        if limb is not None and limb.is_doubtful:
-            search.put_off(blob, limb, reach_px)
-        else:
-            search.choice.take(self._judge(search.scene, blob.circle, limb, blob.coloured_px2))
-
-    def _search_inscribed(self, scene: BallScene, blob: Blob) -> FoundBall | None:
-        """Return the ball by the largest circle in a blob, which is wider since other things of its colour touch it."""
-        circle = blob.inscribed
-        if not self._gates.min_radius_px <= circle.radius_px < NARROWER * blob.circle.radius_px:
-            return None
-        return self._search_at(scene, circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step))
-
-    def _search_at(self, scene: BallScene, start: ImageCircle, reach_px: float) -> FoundBall | None:
-        """Return the ball near a circle; None, and a note of why, if there is none."""
-        limb = find_limb(scene.image, start, reach_px, scene.lens)
-        if limb is not None and limb.is_doubtful:
-            limb = look_again(scene, limb, reach_px)
-        return self._judge(scene, start, limb)
-
-    def _judge(
-        self, scene: BallScene, start: ImageCircle, limb: Limb | None, coloured_px2: float | None = None
-    ) -> FoundBall | None:
-        """Return the ball that a limb near a circle is; None, and a note of why, if it is none."""
-        if limb is None:
-            scene.refusals.append(refuse_without_limb(start))
-            return None
-        judged = scene.gates.judge(scene, limb, coloured_px2)
-        if isinstance(judged, FoundBall):
-            return judged
-        scene.refusals.append(judged)
-        return None
-
-    def _search_around(self, scene: BallScene, blob: Blob) -> FoundBall | None:
-        """Return the ball by the circle of edges around a blob, unless that is too thin to be part of a ball."""
-        if blob.fill < MIN_FILL_AROUND:
-            return None
-        circle = find_edge_circle(scene.image, blob.thinned_px, blob.area_px2)
-        if circle is None or is_found_again(scene, circle):
-            return None
-        return self._search_at(scene, circle, within(circle))
+    def _refuse(self, reason: str, scene: BallScene) -> Detection:
+        rejected = tuple(each.rejected for each in scene.ranked[:MAX_REJECTED])
+        return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason, rejected=rejected)
 
     def _report_found(self, scene: BallScene, ball: FoundBall) -> Detection:
         circle = ball.limb.circle
@@ -357,29 +259,38 @@ class BallDetector:
         # depth, at any place in the picture (see `stadimeter.ranging.ball`). Diameter and its standard deviation are
         # both twice those of the radius.
         diameter_px = 2 * ball.limb.straight_radius_px
+        status, reason = DetectionStatus.FOUND, ""
+        if ball.is_cut_off:
+            status, reason = DetectionStatus.TRUNCATED, f"the ball, {diameter_px:.0f} px, is cut off by the border"
+        elif ball.evidence < LIKELY:
+            status, reason = DetectionStatus.PERHAPS, f"perhaps another thing: it {ball.fault}"
         return Detection(
             target=self._name,
-            status=DetectionStatus.TRUNCATED if ball.is_cut_off else DetectionStatus.FOUND,
-            reason=f"the ball, {diameter_px:.0f} px, is cut off by the border" if ball.is_cut_off else "",
+            status=status,
+            reason=reason,
             outline_px=ball.limb.points_px,
             centre_px=(circle.x_px, circle.y_px),
             width_px=diameter_px,
             height_px=diameter_px,
             size_sigma_px=2 * ball.limb.radius_sigma_px,
             quality=ball.quality,
-            rejected=list_most_alike(scene.refusals),
+            rejected=tuple(each.rejected for each in scene.ranked[:MAX_REJECTED] if each is not ball),
             measured_with=scene.lens if scene.is_lens_known else None,
         )
 
-    def _report_not_found(self, scene: BallScene, blobs: Sequence[Blob]) -> Detection:
-        rejected = list_most_alike(scene.refusals)
-        if not blobs:
-            reason = f"no pixel has the ball's colour {self._colour}"
-        elif not rejected:
-            reason = f"largest blob {blobs[0].size_px:.0f} px, limit {2 * self._gates.min_radius_px:.0f} px"
-        else:
-            reason = f"blob of {rejected[0].size_px:.0f} px {rejected[0].reason}"
-        return self._refuse(reason, scene)
+
+def _is_nearer(other: FoundBall, best: FoundBall) -> bool:
+    """Return whether something round that the border cuts off may be the ball, so that a speck is not its distance."""
+    is_larger = other.limb.circle.radius_px > MUCH_LARGER * best.limb.circle.radius_px
+    return is_larger and other.is_cut_off and other.evidence >= POSSIBLE
+
+
+def _is_rival(best: FoundBall, other: FoundBall) -> bool:
+    """Return whether something that lies beside the best limb, and not on it or around it, is as much like a ball."""
+    first, second = best.limb.circle, other.limb.circle
+    apart_px = math.hypot(first.x_px - second.x_px, first.y_px - second.y_px)
+    is_apart = apart_px > max(first.radius_px, second.radius_px) and second.radius_px > RIVAL_SIZE * first.radius_px
+    return is_apart and other.evidence > min(best.evidence, SURE) - RIVAL_EVIDENCE
 
 
 def _reaches(blob: Blob, place_px: tuple[float, float]) -> bool:

@@ -13,6 +13,7 @@ floor vary little, so that the edge of a shadow is no step.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import cv2
@@ -87,7 +88,7 @@ def learn_colours(image: Image, circle: ImageCircle) -> BallColours | None:
     outside = pixels[apart > circle.radius_px + max(OUTSIDE_SHARE * circle.radius_px, OUTSIDE_PX)]
     if min(len(inside), len(outside)) < MIN_COUNTED:
         return None
-    return BallColours(_odds(inside, outside), _axis(inside.astype(np.float32), outside.astype(np.float32)))
+    return BallColours(_odds(inside, outside), separate(inside.astype(np.float32), outside.astype(np.float32))[0])
 
 
 def _odds(inside: Image, outside: Image) -> Profiles:
@@ -98,17 +99,23 @@ def _odds(inside: Image, outside: Image) -> Profiles:
     return np.asarray(np.clip(np.log(ball / around), -MAX_ODDS, MAX_ODDS), np.float32)
 
 
-def _axis(inside: Profiles, outside: Profiles) -> Profiles:
-    """Return the direction along which both are furthest apart for how much each of them varies."""
+def separate(inside: Profiles, outside: Profiles) -> tuple[Profiles, float]:
+    """Return the direction along which the colours of both, shape ``(n, 3)``, are furthest apart, and how far.
+
+    Returns:
+        The direction, of length 1, and the distance of the means in standard deviations.
+    """
     # Fisher's discriminant: (covariance within)⁻¹ times the difference of the means (R. Fisher, 1936). The added
     # variance of 30 squared levels (5.5 levels) keeps the solution stable on plain surfaces.
     how = cv2.COVAR_NORMAL | cv2.COVAR_ROWS | cv2.COVAR_SCALE
     (ball, ball_mean), (around, around_mean) = (
         cv2.calcCovarMatrix(each, np.empty(0), how) for each in (inside, outside)
     )
-    spread = SPREAD_OF_NOISE * np.eye(3) + (ball + around) / 2
-    axis = np.linalg.solve(spread, (ball_mean - around_mean)[0])
-    return np.asarray(axis / max(float(np.sqrt(axis.dot(axis))), 1e-9), np.float32)
+    spread, apart = SPREAD_OF_NOISE * np.eye(3) + (ball + around) / 2, (ball_mean - around_mean)[0]
+    axis = np.linalg.solve(spread, apart)
+    return np.asarray(axis / max(float(np.sqrt(axis.dot(axis))), 1e-9), np.float32), math.sqrt(
+        max(apart.dot(axis), 0.0)
+    )
 
 
 def likely_drop(codes: Image, colours: BallColours) -> Profiles:

@@ -45,6 +45,10 @@ NEAR_PX, NEAR_SHARE = 2.0, 0.02
 # share of what blur adds to their width.
 LOOK_SUPPORT, LOOK_SCATTER_PX, LOOK_SCATTER_OF_BLUR = 0.85, 0.25, 0.2
 
+# A limb is as rough as any ball's if its steps scatter by this: pixels for noise, a share of the radius for felt and
+# fingers, and a share of what blur adds to the width of a step. And how much of a limb is as good as less roughness.
+ROUGH_PX, ROUGH_SHARE, ROUGH_OF_BLUR, WORTH_OF_ROUGH = 0.3, 0.07, 0.3, 1.2
+
 # Greatest number of looks, each around the last fit, until the same steps are found.
 MAX_LOOKS = 4
 
@@ -119,9 +123,15 @@ class Limb(Struct, frozen=True, kw_only=True, eq=False):
         return self.scatter_px > usual_px or self.support_inside < LOOK_SUPPORT
 
     @property
+    def roughness(self) -> float:
+        """How much its steps scatter, as a share of what is usual at most: 0 for a perfect outline."""
+        usual_px = ROUGH_PX + ROUGH_SHARE * self.circle.radius_px
+        return self.scatter_px / (usual_px + ROUGH_OF_BLUR * max(0.0, self.width_px - SHARP_PX))
+
+    @property
     def worth(self) -> float:
         """How well it is supported: the share of the spokes with a step on it, less for those that lie beside it."""
-        return self.support * max(0.0, 1 - self.scatter_px**2)
+        return self.support - WORTH_OF_ROUGH * self.roughness
 
     @property
     def radius_sigma_px(self) -> float:
@@ -148,9 +158,11 @@ def find_limb(
     limb, reach_px = None, within_px + BEYOND_PX
     for _ in range(MAX_LOOKS):
         edges = limb_edges(image, circle, reach_px, within_px, lens, colours)
-        limb = None if edges is None else _fit_limb(edges, circle, lens)
-        if edges is None or limb is None:
-            return None
+        found = None if edges is None else _fit_limb(edges, circle, lens)
+        if edges is None or found is None:
+            # Of a ball that the border cuts off, the oblong outline may be lost around the circle of its fit.
+            break
+        limb = found
         # How far the spokes that were read are now from where they should be, in place and radius together; a pixel to
         # spare.
         moved_px = math.hypot(limb.circle.x_px - circle.x_px, limb.circle.y_px - circle.y_px) + abs(

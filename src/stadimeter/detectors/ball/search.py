@@ -1,0 +1,95 @@
+"""Where a ball is looked for in a picture: in blobs of its colour, in circles of edges, and where it is expected.
+
+What is found says nothing yet: every limb is weighed (`evidence`), and the best of all is the ball. Searches are branch
+and bound: they end where nothing that is left could be better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from stadimeter.detectors.ball.blobs import Blob
+from stadimeter.detectors.ball.circle_votes import are_same, list_octaves, propose_circles
+from stadimeter.detectors.ball.circles import ImageCircle, find_common_circle
+from stadimeter.detectors.ball.evidence import FILLED_ENOUGH, LIKELY, BallScene, FoundBall, touches_border, weigh
+from stadimeter.detectors.ball.limb import Limb, find_limb, within
+from stadimeter.detectors.ball.look_again import look_again
+from stadimeter.ranging.ball import MIN_RAYS
+
+# Reach of the search for the limb on either side of a blob's circle: pixels, or cells and a half of the search.
+FIRST_REACH_PX, REACH_OF_STEP = 8.0, 1.5
+
+# Greatest radius of a ball that a blob leads to, in half sizes of the blob.
+WITHIN_REACH = 1.2
+
+# A blob that covers a smaller share of the circle around it is the grain of wood, a joint or a rim.
+MIN_FILL = 0.2
+
+# Number of points of an outline, evenly spaced, that tell its circle.
+MAX_POINTS = 60
+
+# A blob whose circle is wider than a limb by no more than these cells to either side is the ball and nothing else.
+MAX_CELLS_MORE = 0.75
+
+
+def search_blobs(scene: BallScene, blobs: Sequence[Blob]) -> None:
+    """Weigh the limb around each blob, the largest first, and look again at those that leave doubt."""
+    doubts: list[tuple[FoundBall, float]] = []
+    for blob in blobs:
+        if scene.is_settled(WITHIN_REACH * blob.circle.radius_px):
+            break
+        reach_px = max(FIRST_REACH_PX, REACH_OF_STEP * blob.step)
+        limb = find_limb(scene.image, _start(scene, blob), reach_px, scene.lens) if blob.fill >= MIN_FILL else None
+        if limb is None:
+            continue
+        # A second look takes several times as long as the first, so what is sure without comes first.
+        is_alike = (
+            blob.fill >= FILLED_ENOUGH and limb.circle.radius_px > blob.circle.radius_px - MAX_CELLS_MORE * blob.step
+        )
+        ball = weigh(scene, limb, is_alike=is_alike)
+        if limb.is_doubtful:
+            doubts.append((ball, reach_px))
+        else:
+            scene.seen.append(ball)
+    for ball, reach_px in sorted(doubts, key=lambda doubt: -doubt[0].rank):
+        scene.seen.append(look_again(scene, ball, reach_px))
+
+
+def _start(scene: BallScene, blob: Blob) -> ImageCircle:
+    """Return the circle around a blob; of one that the border cuts off, the circle through most of its outline."""
+    if not touches_border(blob.circle, scene.image):
+        return blob.circle
+    height, width = scene.image.shape[:2]
+    outline_px = blob.outline_px
+    outline_px = outline_px[
+        ((outline_px >= blob.step) & (outline_px < np.array((width, height)) - 2 * blob.step)).all(1)
+    ]
+    # In cells of the search, since the outline is known to a cell.
+    few_px = outline_px[:: max(1, len(outline_px) // MAX_POINTS)]
+    found = find_common_circle(few_px / blob.step) if len(few_px) >= MIN_RAYS else None
+    if found is None:
+        return blob.circle
+    x_px, y_px, radius_px = (each * blob.step for each in (found.x_px, found.y_px, found.radius_px))
+    return ImageCircle(x_px=x_px, y_px=y_px, radius_px=radius_px)
+
+
+def search_circles(scene: BallScene) -> None:
+    """Weigh the circles of edges in all the picture that no limb was found at yet, the largest first."""
+    for octave in list_octaves(scene.image):
+        if scene.is_settled(octave.max_radius_px):
+            break
+        for circle in (each.circle for each in propose_circles(octave)):
+            if not any(are_same(circle, ball.limb.circle) for ball in scene.seen if ball.evidence >= LIKELY):
+                search_at(scene, circle, within(circle))
+
+
+def search_at(scene: BallScene, start: ImageCircle, reach_px: float) -> FoundBall | None:
+    """Weigh the limb near a circle; None if there is none."""
+    limb: Limb | None = find_limb(scene.image, start, reach_px, scene.lens)
+    if limb is None:
+        return None
+    ball = weigh(scene, limb)
+    scene.seen.append(look_again(scene, ball, reach_px) if limb.is_doubtful else ball)
+    return scene.seen[-1]
