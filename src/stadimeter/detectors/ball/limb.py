@@ -85,17 +85,17 @@ SQUARENESS = 1.11
 # Width of a sharp step.
 SHARP_PX = 2.6
 
-# The standard deviation of a radius r is ``hypot(1.6 s, 0.01, 0.35 / r, 0.5 e, 0.8 c)`` pixels. s is what the fit
+# The standard deviation of a radius r is ``hypot(1.6 s, 0.01, 0.35 / r, (0.7 + u) e, 0.8 c)`` pixels. s is what the fit
 # gives, with how far the errors of neighbouring steps reach taken from the frame itself; small balls suffer from what
-# is behind them; sharpening and a tone curve other than the assumed one move all steps alike, the more the more they
-# scatter, e, and colour that is stored more coarsely than brightness does so by 0.7 e; and where looking by colour
-# changed the radius by c, either may be wrong. Fitted to 3,700 rendered balls: with markings on floors and in hands,
-# and plain ones on clutter under twenty troubles. First by maximum likelihood, with heavy tails for wrong limbs and the
-# same weight for each condition, then rounded so that every condition holds 90 % or more.
+# is behind them; felt, sharpening and a tone curve other than the assumed one move all steps alike, the more the more
+# they scatter, e, and where a share u of the limb is not seen, a hand or what else hides it draws the rest to itself;
+# colour that is stored more coarsely than brightness does so by 0.9 + u; and where looking by colour changed the radius
+# by c, either may be wrong. Fitted to 3,700 rendered balls, with markings on floors and in hands, and plain ones on
+# clutter under twenty troubles; the factors of e to 165 real ones, whose limbs err half as much again.
 SIGMA_FACTOR = 1.6
 SIGMA_FLOOR_PX = 0.01
 SIGMA_SMALL_PX2 = 0.35
-SIGMA_OF_SCATTER, SIGMA_OF_COARSE_CHROMA = 0.5, 0.7
+SIGMA_OF_SCATTER, SIGMA_OF_COARSE_CHROMA, SIGMA_OF_UNSEEN = 0.7, 0.9, 1.0
 SIGMA_OF_CHANGE = 0.8
 
 
@@ -136,11 +136,12 @@ class Limb(Struct, frozen=True, kw_only=True, eq=False):
     @property
     def radius_sigma_px(self) -> float:
         """Standard deviation of the radius."""
+        of_scatter = SIGMA_OF_COARSE_CHROMA if self.is_chroma_coarse else SIGMA_OF_SCATTER
         return math.hypot(
             SIGMA_FACTOR * self.sigma_px,
             SIGMA_FLOOR_PX,
             SIGMA_SMALL_PX2 / self.circle.radius_px,
-            (SIGMA_OF_COARSE_CHROMA if self.is_chroma_coarse else SIGMA_OF_SCATTER) * self.scatter_px,
+            (of_scatter + SIGMA_OF_UNSEEN * (1 - self.support_inside)) * self.scatter_px,
             SIGMA_OF_CHANGE * self.change_px,
         )
 
