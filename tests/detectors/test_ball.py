@@ -233,7 +233,7 @@ def test_the_green_ball_in_a_hand_is_found_in_the_video(real_pictures: Path, bal
         if not there:
             break
         detection = detector.detect(Frame(image, 0.0, len(found)))
-        found.append(detection.width_px if detection.status is DetectionStatus.FOUND else 0.0)
+        found.append(detection.width_px if detection.is_whole else 0.0)
     capture.release()
     assert len(found) == 1004
     seen = [width / 2 for width in found if width]

@@ -59,8 +59,9 @@ MAX_RING_PX = 16.0
 # this much less evidence, or is beyond doubt.
 RIVAL_SIZE, RIVAL_EVIDENCE = 0.6, 1.0
 
-# Something cut off by the border, and so many times as large, is the ball before something whole.
-MUCH_LARGER = 3.0
+# Something cut off by the border, so many times as large and with no less than this evidence, is the ball before
+# something whole: little of its limb is left to be seen.
+MUCH_LARGER, MIN_CUT_OFF = 3.0, -4.0
 
 MAX_REJECTED = 8
 
@@ -282,7 +283,7 @@ class BallDetector:
 def _is_nearer(other: FoundBall, best: FoundBall) -> bool:
     """Return whether something round that the border cuts off may be the ball, so that a speck is not its distance."""
     is_larger = other.limb.circle.radius_px > MUCH_LARGER * best.limb.circle.radius_px
-    return is_larger and other.is_cut_off and other.evidence >= POSSIBLE
+    return is_larger and other.is_cut_off and other.evidence >= MIN_CUT_OFF
 
 
 def _is_rival(best: FoundBall, other: FoundBall) -> bool:

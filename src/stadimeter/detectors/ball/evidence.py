@@ -3,7 +3,7 @@
 No single test tells a ball from what chance puts together out of edges: a felt ball on a carpet scatters, a hand hides
 half of another, a third is as bright as the wall. But hardly any circle of chance is seen all around, and round, and
 parts what looks different on both sides, at once. So each of these adds to the logarithm of how much likelier a limb is
-the ball's than another thing's. The weights are those of logistic regressions on 12,000 limbs: of real balls of two
+the ball's than another thing's. The weights are those of logistic regressions on 12,500 limbs: of real balls of three
 kinds in rooms, of a hundred real rooms without one, and of rendered balls and clutter.
 """
 
@@ -29,7 +29,7 @@ from stadimeter.detectors.protocol import check_image
 # From the first evidence on a limb is the ball's, which one to three of 100 rooms without a ball reach; from the second
 # on it is perhaps, which six do. With the third it need not be searched for elsewhere; beyond the fourth more says no
 # more, and of two balls the larger is taken. The last has quality 1.
-LIKELY, POSSIBLE, SURE, DOUBTLESS, BEST = 0.0, -1.5, 4.0, 6.0, 9.0
+LIKELY, POSSIBLE, SURE, DOUBTLESS, BEST = 0.0, -2.0, 4.0, 6.0, 9.0
 
 
 class Weights(NamedTuple):
@@ -44,13 +44,13 @@ class Weights(NamedTuple):
     vivid: float  # by how many levels of 8 bits the inside is more vivid, between the two `VIVID_LEVELS`
 
 
-COLOUR = Weights(start=-13.0, seen=11.9, rough=-13.4, apart=1.47, large=1.24, cornered=-3.3, vivid=0.023)
+COLOUR = Weights(start=-17.0, seen=12.1, rough=-11.5, apart=2.28, large=2.27, cornered=-2.4, vivid=0.0)
 ANY_COLOUR = Weights(start=-11.5, seen=15.7, rough=-15.5, apart=0.72, large=0.64, cornered=-2.5, vivid=0.009)
 MAX_ROUGHNESS, MAX_APART, LARGE_PX, VIVID_LEVELS = 1.5, 4.0, 100.0, (-50.0, 100.0)
 
 # With a colour: the logarithm of the share of the inside that has it, up to the second figure, since the rest may be in
 # the shade or printed on; the third keeps it finite. And the share of the directions in which it goes on outside.
-FILLED, FILLED_ENOUGH, FILLED_ANYHOW, GOES_ON = 1.43, 0.6, 0.03, -4.0
+FILLED, FILLED_ENOUGH, FILLED_ANYHOW, GOES_ON = 2.63, 0.6, 0.03, -6.6
 
 # What shows less of the ball's colour than this is another thing, whatever else speaks for it.
 MIN_FILL = 0.02
