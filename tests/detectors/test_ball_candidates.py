@@ -113,7 +113,7 @@ def test_a_ball_is_found_in_a_blob_that_an_arm_of_its_colour_joins(ball_detector
     assert found.width_px == pytest.approx(2 * RADIUS_PX, rel=0.03)
 
 
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.8])
+@pytest.mark.parametrize("share", [0.3, 0.6, 1.0])
 def test_a_near_ball_that_the_border_cuts_off_is_no_far_one_beside_it(share: float) -> None:
     depth_m, radius_m = 0.2, 0.032
     off_px = share * 0.8 * radius_m / depth_m * CAMERA.fx_px

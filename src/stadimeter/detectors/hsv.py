@@ -14,6 +14,7 @@ from typing import Annotated
 import cv2
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, InstanceOf
 
@@ -32,6 +33,9 @@ MIN_CHROMA = 8
 # those that are more saturated too: that needs no look at the saturation of each. Not so for ranges of dark colours,
 # nor where nothing else is found.
 DARK_VALUE = 32
+
+# Among fewer pixels there is nothing to tell apart.
+MIN_TOLD_APART = 64
 
 # Up to this many are converted as one row, which saves OpenCV what it spends on each: two thirds at 80 by 60. More may
 # be spread over several threads, by rows.
@@ -70,6 +74,15 @@ class HsvRange(Struct, frozen=True):
     def covers(self, hsv: Image) -> Mask:
         """Return which pixels of a picture in hue, saturation and value are between the limits, grey ones included."""
         return self._between_hues(hsv, self.lower[2])
+
+    def narrow(self, image: Image) -> Iterator[HsvRange]:
+        """Yield ranges for the more saturated of the pixels that have such a colour, and for the brighter of them."""
+        pixels = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)[self.mask(image) > 0]
+        for channel in (1, 2) if len(pixels) >= MIN_TOLD_APART else ():
+            least, _ = cv2.threshold(pixels[None, :, channel].copy(), 0, 255, cv2.THRESH_OTSU)
+            lower = list(self.lower)
+            lower[channel] = max(lower[channel], int(least) + 1)
+            yield replace(self, lower=(lower[0], lower[1], lower[2]))
 
     def _between_hues(self, hsv: cv2.typing.MatLike, min_value: int) -> Mask:
         """Return which pixels are between the limits, with another lower limit of the value."""

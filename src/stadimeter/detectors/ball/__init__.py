@@ -22,12 +22,11 @@ from stadimeter.config.units import Tolerance
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.ball.blobs import Blob, find_blobs, search_step
+from stadimeter.detectors.ball.blobs import Blob, find_blobs, search_step, thin_out
 from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.colour_proposal import propose, view
 from stadimeter.detectors.ball.evidence import (
     LIKELY,
-    POSSIBLE,
     SURE,
     BallScene,
     FoundBall,
@@ -51,6 +50,9 @@ COARSE_CELLS = 3
 # A ball is no narrower than this share of the blob that shows it, unless that shows more than the ball.
 MIN_SHARE_EXPLAINED = 0.7
 
+# Number of blobs of the more vivid part of its colour that are looked at.
+MAX_VIVID = 3
+
 # With a prediction that is less sure, the blobs near the expected place are looked at instead.
 CERTAIN_PX, REACH_SIGMAS = 2.0, 2.5
 MAX_RING_PX = 16.0
@@ -59,9 +61,8 @@ MAX_RING_PX = 16.0
 # this much less evidence, or is beyond doubt.
 RIVAL_SIZE, RIVAL_EVIDENCE = 0.6, 1.0
 
-# Something cut off by the border, so many times as large and with no less than this evidence, is the ball before
-# something whole: little of its limb is left to be seen.
-MUCH_LARGER, MIN_CUT_OFF = 3.0, -4.0
+# Something cut off by the border that is likely, and so many times as large, is the ball before something whole.
+MUCH_LARGER = 3.0
 
 MAX_REJECTED = 8
 
@@ -166,20 +167,31 @@ class BallDetector:
         if (colour := self._colour) is None:
             search_circles(scene)
             return self._report(scene, "no circle of edges")
-        place_px = self._around_px
-        if place_px is None and self._has_large(scene, colour):
+        if self._around_px is None and self._has_large(scene, colour):
             return self._report(scene, "")
+        return self._report(self._search_colour(scene, colour), f"no pixel has the ball's colour {colour}")
+
+    def _search_colour(self, scene: BallScene, colour: HsvRange) -> BallScene:
+        """Search blobs of the ball's colour, and unless that settles it, parts of them; return what was searched."""
         blobs = self._list_blobs(scene, colour)
         if not blobs:
             # Dark pixels, which are left out since they take longer, may be all that the ball shows.
-            scene = scene._replace(colour=replace(colour, keeps_dark=True))
-            blobs = self._list_blobs(scene, replace(colour, keeps_dark=True))
-        if place_px is not None:
-            blobs = [blob for blob in blobs if _reaches(blob, place_px)]
+            colour = replace(colour, keeps_dark=True)
+            scene = scene._replace(colour=colour)
+            blobs = self._list_blobs(scene, colour)
+        if (place_px := self._around_px) is not None:
+            search_blobs(scene, [blob for blob in blobs if _reaches(blob, place_px)])
+            return scene
         search_blobs(scene, blobs)
-        if place_px is None and blobs and not scene.is_settled():
-            search_circles(scene)
-        return self._report(scene, f"no pixel has the ball's colour {colour}")
+        if blobs and not scene.is_likely:
+            # A hand or the floor may have the ball's colour, but hardly anything is as vivid.
+            for vivid in colour.narrow(thin_out(scene.image, self._step)):
+                narrowed = scene._replace(colour=vivid, is_narrowed=True)
+                search_blobs(narrowed, self._list_blobs(scene, vivid)[:MAX_VIVID])
+        if blobs and not scene.is_settled():
+            # Beside a likely ball, another one is no larger than what has its colour.
+            search_circles(scene, blobs[0].size_px if scene.is_likely else math.inf)
+        return scene
 
     def _scene_of(self, frame: Frame, lens: CameraModel | None) -> BallScene:
         # An arc of a circle that is wider than the picture is hardly told from a line.
@@ -235,12 +247,12 @@ class BallDetector:
         ranked = scene.ranked
         if not ranked:
             return self._refuse(nothing, scene)
-        best = ranked[0]
-        nearer = next((each for each in ranked if _is_nearer(each, best)), None)
+        best = next((each for each in ranked if each.is_possible), ranked[0])
+        nearer = next((each for each in ranked if each.is_possible and _is_nearer(each, best)), None)
         if nearer is not None:
             return self._report_found(scene, nearer)
         size_px = 2 * best.limb.circle.radius_px
-        if best.evidence < (LIKELY if best.is_cut_off else POSSIBLE):
+        if not best.is_possible:
             return self._refuse(f"outline of {size_px:.0f} px {best.rejected.reason}", scene)
         rivals = [each for each in ranked if _is_rival(best, each)]
         if rivals and (self._colour is None or best.evidence < LIKELY):
@@ -283,7 +295,7 @@ class BallDetector:
 def _is_nearer(other: FoundBall, best: FoundBall) -> bool:
     """Return whether something round that the border cuts off may be the ball, so that a speck is not its distance."""
     is_larger = other.limb.circle.radius_px > MUCH_LARGER * best.limb.circle.radius_px
-    return is_larger and other.is_cut_off and other.evidence >= MIN_CUT_OFF
+    return is_larger and other.is_cut_off
 
 
 def _is_rival(best: FoundBall, other: FoundBall) -> bool:

@@ -69,6 +69,11 @@ class Octave(NamedTuple):
     step: float  # the side of its pixels, in pixels of the whole picture
 
     @property
+    def min_radius_px(self) -> float:
+        """The radius of the smallest circle that is meant, in pixels of the whole picture."""
+        return float(RADII_PX[0]) / FITTED_REACH * self.step
+
+    @property
     def max_radius_px(self) -> float:
         """The radius of the largest circle that is meant, in pixels of the whole picture."""
         return float(RADII_PX[-1]) * FITTED_REACH * self.step

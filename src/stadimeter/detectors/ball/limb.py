@@ -2,7 +2,7 @@
 
 Some of the steps are not the ball's: a finger hides part of it, what lies behind it is as bright. The cone is fitted
 robustly, and where too many steps miss it, started anew from the best of many circles through three steps each.
-`stadimeter.detectors.ball.gates` judges whether the limb is that of a ball.
+`stadimeter.detectors.ball.evidence` weighs whether the limb is that of a ball.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ def find_limb(
     """Fit the limb near an expected circle, then around where the fit put it; None with too few steps.
 
     Without colours it goes by brightness alone. Where that is doubtful, since steps scatter or too few are on one limb,
-    `choice.look_by_colour` may know better.
+    `look_again.look_by_colour` may know better.
     """
     # Invariant: the result does not depend on where the search began. So the spokes are laid again around each fit
     # until the part of the picture that they cover holds the whole of every step.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from msgspec.structs import replace
 
 from stadimeter.detectors.ball.colours import learn_colours
-from stadimeter.detectors.ball.evidence import POSSIBLE, BallScene, FoundBall, hope, weigh
+from stadimeter.detectors.ball.evidence import POSSIBLE_SMALL, BallScene, FoundBall, hope, weigh
 from stadimeter.detectors.ball.limb import Limb, find_limb, near_px
 
 # Greatest number of looks for steps between the ball's colours and others at a doubtful limb, and the most evidence
@@ -19,7 +19,7 @@ RIVAL_WORTH = 0.2
 def look_again(scene: BallScene, ball: FoundBall, within_px: float) -> FoundBall:
     """Return a doubtful ball by colour; as it is where that can make it neither possible nor better than the best."""
     best = scene.best
-    if ball.evidence + MAX_GAIN < POSSIBLE or (best is not None and ball.rank + MAX_GAIN < best.rank):
+    if ball.evidence + MAX_GAIN < POSSIBLE_SMALL or (best is not None and ball.rank + MAX_GAIN < best.rank):
         return ball
     return weigh(scene, look_by_colour(scene, ball.limb, within_px))
 
@@ -38,7 +38,7 @@ def look_by_colour(scene: BallScene, best: Limb, within_px: float) -> Limb:
         limb, within_px = found, near_px(found)
         looks.append(limb)
         best = limb if limb.worth >= best.worth else best
-        if not limb.is_doubtful or max(hope(scene, each) for each in looks) < POSSIBLE:
+        if not limb.is_doubtful or max(hope(scene, each) for each in looks) < POSSIBLE_SMALL:
             break
     # Looks that are nearly as well supported but disagree: their spread becomes part of σ (0.8 of it, see
     # `Limb.radius_sigma_px`).

@@ -6,16 +6,19 @@ and bound: they end where nothing that is left could be better.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
-from stadimeter.detectors.ball.blobs import Blob
+from stadimeter.detectors.ball.blobs import Blob, thin_out
 from stadimeter.detectors.ball.circle_votes import are_same, list_octaves, propose_circles
 from stadimeter.detectors.ball.circles import ImageCircle, find_common_circle
 from stadimeter.detectors.ball.evidence import FILLED_ENOUGH, LIKELY, BallScene, FoundBall, touches_border, weigh
 from stadimeter.detectors.ball.limb import Limb, find_limb, within
 from stadimeter.detectors.ball.look_again import look_again
+from stadimeter.detectors.sampling import Region
 from stadimeter.ranging.ball import MIN_RAYS
 
 # Reach of the search for the limb on either side of a blob's circle: pixels, or cells and a half of the search.
@@ -26,6 +29,9 @@ WITHIN_REACH = 1.2
 
 # A blob that covers a smaller share of the circle around it is the grain of wood, a joint or a rim.
 MIN_FILL = 0.2
+
+# Half the side of the square within a circle, as a share of its radius, and half of how many cells it is looked at in.
+WITHIN_SQUARE, FEW_CELLS = 0.7, 12
 
 # Number of points of an outline, evenly spaced, that tell its circle.
 MAX_POINTS = 60
@@ -41,7 +47,8 @@ def search_blobs(scene: BallScene, blobs: Sequence[Blob]) -> None:
         if scene.is_settled(WITHIN_REACH * blob.circle.radius_px):
             break
         reach_px = max(FIRST_REACH_PX, REACH_OF_STEP * blob.step)
-        limb = find_limb(scene.image, _start(scene, blob), reach_px, scene.lens) if blob.fill >= MIN_FILL else None
+        is_worth_it = blob.fill >= MIN_FILL or touches_border(blob.circle, scene.image)
+        limb = find_limb(scene.image, _start(scene, blob), reach_px, scene.lens) if is_worth_it else None
         if limb is None:
             continue
         # A second look takes several times as long as the first, so what is sure without comes first.
@@ -75,14 +82,26 @@ def _start(scene: BallScene, blob: Blob) -> ImageCircle:
     return ImageCircle(x_px=x_px, y_px=y_px, radius_px=radius_px)
 
 
-def search_circles(scene: BallScene) -> None:
+def search_circles(scene: BallScene, max_radius_px: float = math.inf) -> None:
     """Weigh the circles of edges in all the picture that no limb was found at yet, the largest first."""
     for octave in list_octaves(scene.image):
         if scene.is_settled(octave.max_radius_px):
             break
+        if octave.min_radius_px > max_radius_px:
+            continue
         for circle in (each.circle for each in propose_circles(octave)):
-            if not any(are_same(circle, ball.limb.circle) for ball in scene.seen if ball.evidence >= LIKELY):
+            is_known = any(are_same(circle, ball.limb.circle) for ball in scene.seen if ball.evidence >= LIKELY)
+            if not is_known and _has_colour(scene, circle):
                 search_at(scene, circle, within(circle))
+
+
+def _has_colour(scene: BallScene, circle: ImageCircle) -> bool:
+    """Return whether the square within a circle shows some of the ball's colour; whether it is in the picture."""
+    inside = Region.around((circle.x_px, circle.y_px), WITHIN_SQUARE * circle.radius_px, scene.image)
+    if inside is None or scene.colour is None:
+        return inside is not None
+    few = thin_out(inside.of(scene.image), max(1, int(circle.radius_px / FEW_CELLS)))
+    return cv2.countNonZero(scene.colour.mask(few)) > 0
 
 
 def search_at(scene: BallScene, start: ImageCircle, reach_px: float) -> FoundBall | None:
