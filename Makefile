@@ -19,7 +19,7 @@ WORKERS := $(shell expr 2 \* $(CORES))
 SPREAD = -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 UNIT := tests/core tests/config tests/ranging
 
-.PHONY: help demo quick test test-long test-sample test-opencv-4.10 nightly mutants check check-javascript gate bench bench-rules bench-safety bench-stopping bench-liveness pictures wheel deb docs format format-javascript clean
+.PHONY: help demo quick test golden test-long test-sample test-opencv-4.10 nightly mutants check check-javascript gate bench bench-rules bench-safety bench-stopping bench-liveness pictures wheel deb docs format format-javascript clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -32,6 +32,9 @@ quick: $(VENV)/.dev ## run the unit tests of core, config and ranging with few e
 
 test: $(VENV)/.collected ## run the tests; ARGS="-k name" passes arguments to pytest
 	$(BIN)/pytest $(SPREAD) -m "not long and not hardware" $(ARGS)
+
+golden: $(VENV)/.collected ## write the golden files anew, which say what must not change; ARGS="-k detectors" for a part
+	$(BIN)/pytest $(SPREAD) tests/golden --write-golden $(ARGS)
 
 test-long: $(VENV)/.collected ## run the tests that take longer
 	$(BIN)/pytest $(SPREAD) -m "long and not hardware" $(ARGS)
