@@ -95,6 +95,7 @@ def test_the_first_frames_of_every_kind_are_measured_as_they_were(golden: Golden
 
 @pytest.mark.long
 @pytest.mark.vision
+@pytest.mark.timeout(3600)  # two to three minutes of drawing for each kind, on a core that nobody else uses
 @pytest.mark.parametrize("kind", KINDS)
 def test_two_thousand_frames_are_measured_as_they_were(kind: str, golden: Golden) -> None:
     starts = range(0, ALL, IN_A_LINE)
