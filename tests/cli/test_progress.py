@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from collections.abc import Iterator
+from importlib import import_module
+from types import ModuleType
 from typing import IO
 
 import pytest
@@ -88,26 +89,22 @@ def test_what_is_written_meanwhile_is_never_glued_to_the_moving_line(
     assert after.startswith("\r\n")
 
 
-START = """
-import sys, threading, time
-from stadimeter import __main__ as start
-start.FIRST_SIGN_S = {wait_s}
-start.give_first_sign()
-"""
+@pytest.mark.usefixtures("at_once")
+def test_a_command_that_takes_long_to_load_says_that_it_is_starting(
+    monkeypatch: pytest.MonkeyPatch, ends: list[int]
+) -> None:
+    reading, writing = os.pipe()
+    ends.append(reading)
+    shown = []
 
+    def load_slowly(module: str) -> ModuleType:
+        shown.append(os.read(reading, 4096).decode())
+        return import_module(module)
 
-def test_a_command_that_takes_long_to_load_says_at_once_that_it_is_starting() -> None:
-    with subprocess.Popen(
-        [sys.executable, "-c", START.format(wait_s=0) + "time.sleep(600)"], stderr=subprocess.PIPE, text=True
-    ) as slow:
-        assert slow.stderr is not None
-        assert slow.stderr.readline() == "starting ...\n"
-        slow.kill()
-
-
-def test_a_command_that_has_written_something_gives_no_other_sign() -> None:
-    for words in ["print('done')", "print('done', file=sys.stderr)"]:
-        joined = "[thread.join() for thread in threading.enumerate() if thread.name == 'first sign']"
-        quick = f"{START.format(wait_s=600)}{words}\n{words}\n{joined}"
-        done = subprocess.run([sys.executable, "-c", quick], capture_output=True, text=True, check=True)
-        assert done.stdout + done.stderr == "done\ndone\n"
+    main = import_module("stadimeter.cli.main")  # its package has a function of that name
+    with os.fdopen(writing, "w", buffering=1) as stream:
+        monkeypatch.setattr(sys, "stderr", stream)
+        monkeypatch.setattr(main, "import_module", load_slowly)
+        monkeypatch.setattr(main, "SLOW_START_S", 0.0)
+        typer.main.get_command(main.app).load("check")
+    assert shown == ["starting …\n"]

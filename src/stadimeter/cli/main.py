@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import gc
 import sys
 import unicodedata
 from collections.abc import Mapping
@@ -16,6 +15,10 @@ from typer.core import TyperCommand, TyperGroup
 
 import stadimeter
 from stadimeter.cli.exits import WRONG, end_without_space
+from stadimeter.cli.progress import working
+
+# Loading the libraries of a command is announced where it takes longer than on any computer but a small or busy one.
+SLOW_START_S = 1.0
 
 # The first sentence of the help of each command, by heading.
 PANELS: Mapping[str, Mapping[str, str]] = {
@@ -121,7 +124,8 @@ class Commands(TyperGroup):
     def load(self, name: str) -> Any:
         """Load a command of the table."""
         module, function = place_of(name)
-        found = getattr(import_module(module), function)
+        with working("starting", SLOW_START_S):
+            found = getattr(import_module(module), function)
         alone = typer.Typer(rich_markup_mode="markdown", pretty_exceptions_enable=False)
         if isinstance(found, typer.Typer):
             alone.add_typer(found, name=name)
@@ -129,9 +133,6 @@ class Commands(TyperGroup):
             alone.command(name)(found)
         command: Any = typer.main.get_group(alone).commands[name]
         self._add(command, self._panels[name])
-        if not gc.isenabled():  # `stadimeter.__main__` disables it while libraries are loaded, and those stay
-            gc.freeze()
-            gc.enable()
         return command
 
 

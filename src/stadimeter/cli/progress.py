@@ -27,20 +27,21 @@ Say = Callable[[str], None]
 
 
 @contextmanager
-def working(doing: str) -> Iterator[Say]:
+def working(doing: str, after_s: float | None = None) -> Iterator[Say]:
     """Show that a command works, soon after it began and until the block ends.
 
     A thread shows it, so the computation needs no calls. Nothing is written on standard output.
 
     Args:
         doing: What it does, such as ``reading the recording``.
+        after_s: How soon; `FIRST_AFTER_S` if left out.
 
     Yields:
         Changes what is shown, when the next part of the work begins.
     """
     now = [doing]
     is_over = threading.Event()
-    shown = threading.Thread(target=_show, args=(now, is_over), name="progress", daemon=True)
+    shown = threading.Thread(target=_show, args=(now, is_over, after_s), name="progress", daemon=True)
     shown.start()
     try:
         yield lambda words: now.__setitem__(0, words)
@@ -65,9 +66,9 @@ def goes_to_file(stream: TextIO) -> bool:
         return False
 
 
-def _show(now: list[str], is_over: threading.Event) -> None:
+def _show(now: list[str], is_over: threading.Event, after_s: float | None) -> None:
     began_s = time.monotonic()
-    if os.environ.get(SWITCH) == "off" or is_over.wait(FIRST_AFTER_S):
+    if os.environ.get(SWITCH) == "off" or is_over.wait(FIRST_AFTER_S if after_s is None else after_s):
         return
     with suppress(OSError):  # the terminal is gone; the work goes on
         if sys.stderr.isatty():

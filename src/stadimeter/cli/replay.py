@@ -35,7 +35,6 @@ from stadimeter.workbench.replay.replay import (
     journal_record,
     read_recording,
     replay_run,
-    without_collector,
 )
 from stadimeter.workbench.replay.replay_figures import RuleFigures, Tally
 
@@ -83,7 +82,7 @@ def replay(
         source = read_recording(recording)
         new = replay_run(source, config, from_images=from_images)
         old = replay_run(source, diff, from_images=from_images) if diff is not None else None
-        with without_collector(), working("replaying"):
+        with working("replaying"):
             outcome = _replay(new, old, journal)
         if not outcome.result.cycles:
             raise JournalError(f"{recording} holds no whole cycle, so there is nothing to replay")

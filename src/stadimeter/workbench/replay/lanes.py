@@ -20,7 +20,7 @@ from stadimeter.core.decision import Decision, RuleTrace
 from stadimeter.core.observation import Observation
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.comparison import ReplayDiff, compare
-from stadimeter.workbench.replay.replay import ReplayRun, without_collector
+from stadimeter.workbench.replay.replay import ReplayRun
 from stadimeter.workbench.replay.replay_figures import Tally
 
 # A chart as wide as a screen has no more pixels.
@@ -118,12 +118,11 @@ class SideBySide:
     def go_on(self, for_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         """Go on for this long, or to the end; damage ends it as well."""
         until_s = clock() + for_s
-        with without_collector():
-            while clock() < until_s and not self.is_done:
-                try:
-                    self.is_done = next(self._cycles, self) is self
-                except JournalError as error:
-                    self.damage, self.is_done = str(error), True
+        while clock() < until_s and not self.is_done:
+            try:
+                self.is_done = next(self._cycles, self) is self
+            except JournalError as error:
+                self.damage, self.is_done = str(error), True
 
     def difference(self) -> ReplayDiff:
         """Return how the two differ so far."""

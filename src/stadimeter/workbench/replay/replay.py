@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
@@ -251,18 +249,6 @@ class ReplayRun(Struct, frozen=True):
 
     def _reload(self, state: State, recorded: RecordedConfiguration) -> State:
         return reload(state, load_recorded(recorded, self.recording.path).plan).state
-
-
-@contextmanager
-def without_collector() -> Iterator[None]:
-    """Switch the garbage collector off: a replay leaves no circular references, and the search takes 5 % of it."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
 
 
 def replay_run(recording: AnyRecording, config: Path | None, *, from_images: bool = False) -> ReplayRun:

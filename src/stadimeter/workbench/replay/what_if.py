@@ -28,7 +28,7 @@ from stadimeter.core.rules.layout import asks_for
 from stadimeter.core.rules.scheduler import judge, with_steps
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.lanes import Lane, ReplaySide
-from stadimeter.workbench.replay.replay import AnyRecording, decisions, first_state, without_collector
+from stadimeter.workbench.replay.replay import AnyRecording, decisions, first_state
 from stadimeter.workbench.replay.replay_figures import Tally
 
 # The cycles that are kept of all recordings together, times the targets: 20 minutes of one target at 30 a second. One
@@ -81,12 +81,11 @@ class KeptRecording:
     def go_on(self, for_s: float) -> None:
         """Go on for this long, or to the end; damage ends it as well."""
         until_s = time.monotonic() + for_s
-        with without_collector():
-            while not self.is_done and time.monotonic() < until_s:
-                try:
-                    self.is_done = next(self._steps, self) is self
-                except JournalError as error:
-                    self.damage, self.is_done = str(error), True
+        while not self.is_done and time.monotonic() < until_s:
+            try:
+                self.is_done = next(self._steps, self) is self
+            except JournalError as error:
+                self.damage, self.is_done = str(error), True
 
     def _through(self) -> Iterator[None]:
         state = self._first_state(self.configuration.plan)
@@ -117,9 +116,8 @@ class KeptRecording:
             return self.judge_apart(plan, rules)
         side = _new_side(plan)
         again = decisions(self.recording, plan, from_s=self.began_s + self.from_s if self.from_s else None)
-        with without_collector():
-            for cycle, (_, observation, decision) in zip(self.cycles, again, strict=False):
-                side.add(cycle.at_s, observation, decision)
+        for cycle, (_, observation, decision) in zip(self.cycles, again, strict=False):
+            side.add(cycle.at_s, observation, decision)
         return side
 
     def judge_apart(self, plan: Plan, rules: tuple[int, ...]) -> ReplaySide:
@@ -130,15 +128,14 @@ class KeptRecording:
         first = self._first_state(plan).rules
         before = with_steps(some, tuple(first.steps[index] for index in rules), first.first_out, first.raised_at_s)
         active: tuple[bool | None, ...] = ()
-        with without_collector():
-            for at_s, by, has_frame in self.cycles:
-                commands = tuple([each for each in by.commands if each.rule in names or not each.rule])
-                before, outcome = judge(before, by.inputs, by.sample, by.cycle, commands)
-                side.tally.events += outcome.events
-                if has_frame:
-                    side.tally.add_silence(by.inputs.tracks, before.traces)
-                if active != (active := tuple([trace.active for trace in before.traces])):
-                    side.add_lanes(at_s, before.traces)
+        for at_s, by, has_frame in self.cycles:
+            commands = tuple([each for each in by.commands if each.rule in names or not each.rule])
+            before, outcome = judge(before, by.inputs, by.sample, by.cycle, commands)
+            side.tally.events += outcome.events
+            if has_frame:
+                side.tally.add_silence(by.inputs.tracks, before.traces)
+            if active != (active := tuple([trace.active for trace in before.traces])):
+                side.add_lanes(at_s, before.traces)
         side.add_lanes(self.seconds, before.traces)
         side.tally = self.side.tally.with_rules(plan, side.tally)
         return side
