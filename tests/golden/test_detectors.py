@@ -74,7 +74,7 @@ KINDS: dict[str, tuple[Callable[[int], Scene], Callable[[int], dict[str, Any]], 
         TAG_NUISANCES,
     ),
     "circles": (
-        lambda seed: circles_scene(seed, _side_px(seed), _tilt_rad(seed)),
+        lambda seed: circles_scene(seed, 0.7 * _side_px(seed), _tilt_rad(seed)),
         lambda _: {"diameter": "5 cm", "spacing": "10 cm"},
         TAG_NUISANCES,
     ),
