@@ -1,6 +1,6 @@
-"""The tables of docs/benchmarks/boards.md, from the files beside it that `stadimeter bench --json` wrote.
+"""The tables of docs/benchmarks/boards.md, from the files beside it that `make board` wrote.
 
-``python docs/pictures/boards_table.py`` checks the files, and writes the tables into the page.
+``PYTHONPATH=tests python docs/pictures/boards_table.py`` checks the files, and writes the tables into the page.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from msgspec import DecodeError, json
 
 from stadimeter.config.untrusted_file import JSON_MAX_BYTES, read_untrusted
 from stadimeter.errors import UnreadableError
-from stadimeter.workbench.board_figures import DetectorSpeed, Figures, Heat, Times
+from support.board_figures import DetectorSpeed, Figures, Heat, Times
 
 PAGE = Path(__file__).parents[1] / "benchmarks" / "boards.md"
 FOLDER = PAGE.with_suffix("")
@@ -26,7 +26,7 @@ NONE = "–"
 
 
 def read_figures(path: Path) -> Figures:
-    """Read a file that `bench --json` wrote.
+    """Read a file that `make board` wrote.
 
     Raises:
         UnreadableError: It is none; the message says what is wrong with it first, in one line.
@@ -34,7 +34,7 @@ def read_figures(path: Path) -> Figures:
     try:
         return json.decode(read_untrusted(path, JSON_MAX_BYTES), type=Figures)
     except DecodeError as error:
-        words = f"it is not what `stadimeter bench --json` of this version writes: {error}"
+        words = f"it is not what `make board` of this version writes: {error}"
         raise UnreadableError(path, words) from error
 
 

@@ -96,23 +96,6 @@ def test_built_in_drivers_are_found_without_reading_the_record_of_every_installe
     assert plugins.load_driver(plugins.DETECTORS, "ball").exercise
 
 
-FROM_THE_START = """
-import gc, sys
-sys.argv = ["stadimeter", "check", "no-such-file.toml"]
-from stadimeter.__main__ import main
-try:
-    main()
-except SystemExit:
-    print("collects:", gc.isenabled(), gc.get_freeze_count() > 0)
-"""
-
-
-@pytest.mark.long
-def test_the_collector_works_again_when_a_command_does():
-    done = subprocess.run([sys.executable, "-c", FROM_THE_START], capture_output=True, text=True, check=True)
-    assert done.stdout == "collects: True True\n"
-
-
 LISTED = [name for commands in PANELS.values() for name in commands]
 
 

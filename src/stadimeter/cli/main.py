@@ -27,7 +27,6 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "init": "Write a first configuration: asks for camera, target and what shall happen, one thing at a time.",
         "run": "Measure, decide and act, until stopped.",
         "web": "Serve a page on which a browser sees, sets up and operates a run.",
-        "bench": "Print how fast this computer measures and acts.",
         "doctor": "Find what keeps stadimeter from working on this computer, with one remedy for each.",
         "help": "Print the help of a command, or the list of commands.",
     },
@@ -99,6 +98,12 @@ def place_of(name: str) -> tuple[str, str]:
     return f"stadimeter.cli.{module}", function
 
 
+# What was a command once, and what to do in its place.
+GONE = {
+    "bench": "`stadimeter doctor` says how fast this board is; `make board`, in a checkout, measures it as a whole",
+}
+
+
 class Commands(TyperGroup):
     """Every command, in the order of the help. Only the module of the command that is called is loaded.
 
@@ -117,6 +122,8 @@ class Commands(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Load the command that is called, and let the group go on with it."""
+        if args and args[0] in GONE:
+            ctx.fail(f"there is no command '{args[0]}' any more: {GONE[args[0]]}")
         if args and args[0] in self._panels:
             self.load(args[0])
         return super().resolve_command(ctx, args)

@@ -11,13 +11,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from stadimeter.app.live.health import HOT_C, THROTTLED_C, is_under_voltage, temperature_c, throttling
-from stadimeter.workbench.doctor.computer import Computer, Diagnosis, fine, unknown, warning, wrong
+from stadimeter.workbench.doctor.computer import Computer, Diagnosis, fine, python_command, unknown, warning, wrong
 from stadimeter.workbench.doctor.examined import Examined
 
 SUPPLY = (
     "use the supply for the board (5 V and 3 A; 5 A for a Pi 5) and a short, thick cable, and another one for motors"
 )
 COOL = "a heat sink or a fan, and air around the board"
+# To load the libraries takes a Zero 2 W some seconds.
+SPEED_S = 30.0
 SCARCE_BYTES = 100e6
 LOW_BYTES = 500e6
 
@@ -71,6 +73,16 @@ def temperature(examined: Examined) -> Iterator[Diagnosis]:
         yield warning(f"the processor is at {celsius:.0f} °C; from {THROTTLED_C:.0f} °C on it is slowed down", COOL)
     else:
         yield fine(f"the processor is at {celsius:.0f} °C")
+
+
+def speed(examined: Examined) -> Iterator[Diagnosis]:
+    """Tell how many pictures a second it can look through for a ball."""
+    answer = examined.computer.run((*python_command(), "-m", "stadimeter.workbench.doctor.speed"), SPEED_S)
+    if answer is not None and answer.code == 0:
+        many = answer.output.strip()
+        yield fine(f"it looks through {many} pictures of 640x480 a second for a ball of one colour")
+    elif answer is not None:
+        yield unknown("how fast it is: the libraries do not work together")
 
 
 def clock(examined: Examined) -> Iterator[Diagnosis]:

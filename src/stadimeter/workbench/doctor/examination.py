@@ -286,6 +286,7 @@ CHECKS = (
     Check("This computer", "system", "reading which system this is", board.system),
     Check("This computer", "supply", "asking for the supply", board.supply),
     Check("This computer", "temperature", "reading the temperature", board.temperature),
+    Check("This computer", "speed", "measuring how fast it is", board.speed),
     Check("This computer", "clock", "asking for the clock", board.clock),
     Check("This computer", "disk", "reading the free space", board.disk),
     Check("This computer", "wear", "reading what is written to the card", board.wear),

@@ -1,4 +1,4 @@
-"""The figures of a computer, as `bench` measures them and as people send them: what was measured on, and the file.
+"""The figures of a computer, as `make board` measures them and as people send them: what was measured on, and the file.
 
 Nothing in it names the computer or its user.
 """

@@ -1,4 +1,4 @@
-"""The command ``bench``, and the file in which the figures of a computer are sent."""
+"""The figures of a computer, and the file in which they are sent."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import getpass
 import json
 import platform
 import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,16 +15,19 @@ from boards_table import read_figures
 from msgspec.structs import astuple
 
 from stadimeter.errors import UnreadableError
-from stadimeter.workbench.bench import exercises
 from support.command_line import typed
+
+BOARD = Path(__file__).with_name("board.py")
 
 
 @pytest.mark.long
 def test_every_detector_finds_what_it_is_measured_on_and_the_file_can_be_sent(tmp_path: Path) -> None:
-    done = typed("bench", "--seconds", "0.3", "--note", "in a drawer", "--json")
-    assert done.returncode == 0, done.stderr
+    from board import exercises
+
     sent = tmp_path / "board.json"
-    sent.write_text(done.stdout)
+    told = ["--seconds", "0.3", "--note", "in a drawer", "--out", str(sent)]
+    subprocess.run([sys.executable, str(BOARD), *told], check=True, timeout=300)
+    written = sent.read_text(encoding="utf-8")
     figures = read_figures(sent)
     assert figures.note == "in a drawer"
     assert {(speed.detector, speed.width_px, speed.found) for speed in figures.detectors} == {
@@ -33,10 +38,14 @@ def test_every_detector_finds_what_it_is_measured_on_and_the_file_can_be_sent(tm
     words = {word for value in astuple(figures.computer) for word in str(value).split()}
     assert not words & {socket.gethostname(), platform.node(), getpass.getuser()}, "nobody is named"
     for change in ({"schema_version": 1}, {"host": "kitchen"}, {"detectors": []}):
-        sent.write_text(json.dumps(json.loads(done.stdout) | change))
+        sent.write_text(json.dumps(json.loads(written) | change))
         with pytest.raises(UnreadableError):
             read_figures(sent)
 
 
-def test_no_time_at_all_is_refused() -> None:
-    assert typed("bench", "--seconds", "0").returncode == 2
+def test_the_command_that_is_gone_says_what_to_do() -> None:
+    done = typed("bench")
+    assert done.returncode == 2
+    assert "there is no command 'bench' any more: `stadimeter doctor` says how fast this board is" in " ".join(
+        done.stderr.split()
+    )

@@ -1,7 +1,11 @@
-"""A computer's own figures: how fast it finds targets, how long from a frame to the actuator, how much memory."""
+"""A computer's own figures: how fast it finds targets, how long from a frame to the actuator, how much memory.
+
+`make board ARGS='--seconds 60 --note "in a case" --out my-board.json'` writes them as a file to send.
+"""
 
 from __future__ import annotations
 
+import argparse
 import json
 import subprocess
 import sys
@@ -34,7 +38,7 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import TargetShape
 from stadimeter.detectors.protocol import BringsExercise, Detector, Exercise
 from stadimeter.errors import StadimeterError
-from stadimeter.workbench.board_figures import (
+from support.board_figures import (
     SCHEMA_VERSION,
     DetectorSpeed,
     Figures,
@@ -43,6 +47,7 @@ from stadimeter.workbench.board_figures import (
     Times,
     heat,
     this_computer,
+    to_json,
 )
 
 # The share of the time that the simulated run gets; the detectors get the rest.
@@ -120,7 +125,7 @@ def own_run(frames: int = OWN_RUN_FRAMES) -> OwnRun:
         paths = ", ".join(f'"{number % PICTURES}.jpg"' for number in range(frames))
         (folder / "run.toml").write_text(OWN_RUN.format(paths=paths), encoding="utf-8")
         program = [sys.executable, "-m", "stadimeter", "run", str(folder / "run.toml"), "--json", "--speed", "0"]
-        ran = subprocess.run(program, capture_output=True, text=True, check=False)  # noqa: S603
+        ran = subprocess.run(program, capture_output=True, text=True, check=False)
     if ran.returncode:
         raise StadimeterError(f"the program's own run failed: {ran.stderr.strip()}")
     summary = json.loads(ran.stdout)
@@ -258,3 +263,21 @@ def _paste(image: Image, patch: Image, share: float) -> Image:
     changed[top : top + height, left : left + width] = scaled
     changed.flags.writeable = False
     return changed
+
+
+def main() -> None:
+    """Measure this computer, and write its figures to a file or print them."""
+    parser = argparse.ArgumentParser(description="Measure how fast this computer is.")
+    parser.add_argument("--seconds", type=float, default=10.0, help="for about how long")
+    parser.add_argument("--note", default="", help="a remark, such as the case and the cooling")
+    parser.add_argument("--out", type=Path, help="the file to write")
+    options = parser.parse_args()
+    text = to_json(measure(options.seconds, note=options.note))
+    if options.out is None:
+        print(text)
+    else:
+        options.out.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
