@@ -7,12 +7,12 @@ from statistics import fmean
 
 import pytest
 
+from scenario.prove.faults import PlannedFault
+from scenario.prove.proof import FIRST_AT_S
+from scenario.prove.staging import StagedConfiguration, stage
+from scenario.prove.trial import run_trial
+from scenario.prove.watch import MotionWatch
 from stadimeter.config.loader import load_configuration
-from stadimeter.workbench.prove.faults import PlannedFault
-from stadimeter.workbench.prove.proof import FIRST_AT_S
-from stadimeter.workbench.prove.staging import StagedConfiguration, stage
-from stadimeter.workbench.prove.trial import run_trial
-from stadimeter.workbench.prove.watch import MotionWatch
 from support.golden import Golden
 
 CONFIG = Path(__file__).parents[2] / "config"

@@ -46,7 +46,6 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "check": "Check a configuration: print every error in one pass, or say in words what it does.",
         "wiring": "Draw what hangs on which pin of the Raspberry Pi, from a configuration.",
         "test": "Run the tests of a configuration. Nothing is opened and nothing moves.",
-        "prove": "Try every sequence of a few faults, and see whether the wheels stop.",
         "explain": "Explain why a rule acts, or why it does not.",
         "replay": "Run rules over a recording. Nothing is opened and nothing moves.",
         "what-if": "Say what an alarm with other thresholds or delays would have done on recordings.",
@@ -75,7 +74,6 @@ _PLACES = {
     "print": "print_target:print_group",
     "test": "test_rules:run_tests",
     "schema": "check:schema",
-    "prove": "prove:prove_command",
     "wiring": "print_target:wiring",
     "explain": "explain:explain_command",
     "what-if": "teach:what_if_command",
@@ -101,6 +99,7 @@ def place_of(name: str) -> tuple[str, str]:
 # What was a command once, and what to do in its place.
 GONE = {
     "bench": "`stadimeter doctor` says how fast this board is; `make board`, in a checkout, measures it as a whole",
+    "prove": "docs/safety.md has what was proven of each base; `make prove`, in a checkout, proves a configuration",
 }
 
 

@@ -9,6 +9,9 @@ from typing import Any, cast
 from msgspec import Struct
 from msgspec.structs import replace
 
+from scenario.prove.faults import LASTS_S, NEEDS_FIRMWARE, UNPLUGS
+from scenario.prove.staged_camera import StagedCameraOptions
+from scenario.prove.watch import MotionLimits
 from stadimeter.app.service import safe_lines
 from stadimeter.app.watchdog import limit_s
 from stadimeter.config import plugins
@@ -18,9 +21,6 @@ from stadimeter.config.rule_test_tables import PathPoint
 from stadimeter.core.plan import BaseOutput
 from stadimeter.core.rule import FollowRule
 from stadimeter.errors import ConfigError, Problem
-from stadimeter.workbench.prove.faults import LASTS_S, NEEDS_FIRMWARE, UNPLUGS
-from stadimeter.workbench.prove.staged_camera import StagedCameraOptions
-from stadimeter.workbench.prove.watch import MotionLimits
 from stadimeter.workbench.rule_tests.inputs import SyntheticTrack, sensor_models
 
 # The target is this much too far away, or the most of it at which it is found; and a little to the right.

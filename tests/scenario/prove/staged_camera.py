@@ -15,6 +15,8 @@ import numpy as np
 from msgspec import Struct, field
 from msgspec.structs import replace
 
+from scenario.prove.faults import SPOILS_FRAMES
+from scenario.prove.watch import MotionWatch
 from stadimeter.app.capture import CaptureThread, LiveCapture
 from stadimeter.app.freeze import FreezeDetector
 from stadimeter.config.plugins import DriverContext, DriverOptions
@@ -23,8 +25,6 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.track import Track
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DeviceOpenError, LinkLostError
-from stadimeter.workbench.prove.faults import SPOILS_FRAMES
-from stadimeter.workbench.prove.watch import MotionWatch
 from stadimeter.workbench.rule_tests.inputs import SyntheticTrack
 
 PERIOD_S = 1 / 30
@@ -182,7 +182,7 @@ class _SteppedThread(CaptureThread):
     @property
     def is_waiting(self) -> bool:
         """Whether there is nothing for the loop yet."""
-        return self.mailbox._frame is None and self.failure is None  # noqa: SLF001 - to look without taking it
+        return self.mailbox._frame is None and self.failure is None
 
     def start(self, failed: str = "") -> None:
         self._freeze.restart(self._clock.now_s())

@@ -19,11 +19,11 @@ from pathlib import Path
 
 from msgspec import Struct, field
 
+from scenario.prove.faults import BY_NAME, FINAL, LASTS_S, STOPS_PROCESS, FaultSequence, PlannedFault
+from scenario.prove.staging import StagedConfiguration, stage
+from scenario.prove.trial import TrialResult, run_trial
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import StadimeterError
-from stadimeter.workbench.prove.faults import BY_NAME, FINAL, LASTS_S, STOPS_PROCESS, FaultSequence, PlannedFault
-from stadimeter.workbench.prove.staging import StagedConfiguration, stage
-from stadimeter.workbench.prove.trial import TrialResult, run_trial
 
 # The robot drives at full speed by then: it starts on the third frame, and half a second of acceleration is usual.
 FIRST_AT_S = 1.5

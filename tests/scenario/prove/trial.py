@@ -12,6 +12,11 @@ from typing import Any
 
 from msgspec import Struct, field
 
+from scenario.prove.faults import FINAL, FOR_EVER_S, LASTS_S, STOPS_PROCESS, UNPLUGS, FaultSequence
+from scenario.prove.staged_camera import Stage, StagedCapture, StagedDefectError, StagedEye
+from scenario.prove.staged_clock import StagedClock
+from scenario.prove.staging import StagedConfiguration
+from scenario.prove.watch import MotionWatch, Violation
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import JournalWriter
@@ -21,11 +26,6 @@ from stadimeter.config.plugins import DriverContext
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.operator_actions import OperatorAction
 from stadimeter.watchdog.stops import TRIED_EVERY_S
-from stadimeter.workbench.prove.faults import FINAL, FOR_EVER_S, LASTS_S, STOPS_PROCESS, UNPLUGS, FaultSequence
-from stadimeter.workbench.prove.staged_camera import Stage, StagedCapture, StagedDefectError, StagedEye
-from stadimeter.workbench.prove.staged_clock import StagedClock
-from stadimeter.workbench.prove.staging import StagedConfiguration
-from stadimeter.workbench.prove.watch import MotionWatch, Violation
 
 # The wheels are looked at this often, as the emulated port is served.
 _LOOK_EVERY_S = 0.01
@@ -129,7 +129,7 @@ class _Trial:
         self._world, self._board = parts.world, self._emulated_board(staged, parts.shared)
         # The emulated board outlives the program.
         self._closers, parts.shared.closers = parts.shared.closers, []
-        camera = parts.capture._camera  # noqa: SLF001 - it was built by its options
+        camera = parts.capture._camera
         camera.stage = self._stage
         parts.capture = parts.cycle.capture = StagedCapture(camera, self.clock)
         parts.cycle.perceiver = StagedEye(
@@ -230,7 +230,7 @@ class _Trial:
         if self._stage.is_on("end-process"):
             self.loop.stop("ended, as staged")
         else:
-            self._watchdog._lose("killed, as staged")  # noqa: SLF001 - as the thread does that hears its end
+            self._watchdog._lose("killed, as staged")
 
     def _stop_program(self, lasts_s: float) -> None:
         """Let time pass without the program: for a while, or to the end if it was killed."""

@@ -1,4 +1,4 @@
-"""`prove` finds every defect that is planted in the program, and none in the program as it is."""
+"""The proof finds every defect that is planted in the program, and none in the program as it is."""
 
 from __future__ import annotations
 
@@ -10,6 +10,10 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from scenario.prove import staging
+from scenario.prove.faults import PlannedFault
+from scenario.prove.proof import MOMENTS_S, Proof, prove, sequences
+from scenario.prove.staging import stage
 from stadimeter.app import freeze, leased_output
 from stadimeter.bases import pan_servo, serial_base, waveshare_ugv
 from stadimeter.bases.differential_drive import WheelSpeeds
@@ -18,10 +22,6 @@ from stadimeter.core import decide, outputs, safety
 from stadimeter.core.plan import Tracking
 from stadimeter.core.rules import follow
 from stadimeter.errors import ConfigError, StadimeterError
-from stadimeter.workbench.prove import staging
-from stadimeter.workbench.prove.faults import PlannedFault
-from stadimeter.workbench.prove.proof import MOMENTS_S, Proof, prove, sequences
-from stadimeter.workbench.prove.staging import stage
 
 CONFIG = Path(__file__).parents[2] / "config"
 FOLLOW_BALL = (CONFIG / "follow-ball.toml").read_text(encoding="utf-8").split("[[tests]]")[0]

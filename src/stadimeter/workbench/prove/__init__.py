@@ -1,1 +1,0 @@
-"""Proof by exhaustive simulation: every sequence of a few faults, against the emulated base."""
