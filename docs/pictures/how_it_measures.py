@@ -16,7 +16,12 @@ from stadimeter.core.detection import Detection, Points
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.sampling import grey_of, reduced, to_full_scale
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
-from stadimeter.detectors.sheet.quadrilaterals import bright_masks, find_quadrilaterals, quick_masks
+from stadimeter.detectors.sheet.quadrilaterals import (
+    SearchedPicture,
+    find_quadrilaterals,
+    pale_masks,
+    quick_masks,
+)
 from stadimeter.detectors.tag import TagDetector, TagOptions
 from stadimeter.detectors.tag.search import find_outlines
 from stadimeter.ranging.flat import sheet_poses, upright_poses
@@ -49,12 +54,13 @@ def _sheet_steps() -> list[Image]:
     image = render(scene_of(SHEET, RoomBackdrop(things=12), 25)).image
     detector = SheetDetector("sheet", SheetOptions.model_validate({"size": "A4"}))
     small, scale = reduced(image, 480)
-    outlines = find_quadrilaterals([*quick_masks(small), *bright_masks(small)], 5.0)
+    picture = SearchedPicture.of(small)
+    outlines = find_quadrilaterals([*quick_masks(picture), *pale_masks(picture)], 5.0)
     frame = Frame(image, 0.0, 0)
     found = detector.detect(frame, lens=CAMERA)
     points = detector.edge_points(frame, found, lens=CAMERA)
     sigma = found.size_sigma_px / CAMERA.fx_px
-    pose = sheet_poses(CAMERA.directions(found.outline_px), detector.target_shape, sigma)[0].pose
+    pose = sheet_poses(CAMERA.directions(found.outline_px), detector.target_shape, sigma, sigma)[0].pose
     shown = _with_pose(image, pose, SHEET.width_m)
     return _panels(image, to_full_scale(outlines, scale), found, points, _labelled(shown, detector, found))
 

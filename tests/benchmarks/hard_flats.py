@@ -72,7 +72,7 @@ class FlatSample(Struct, frozen=True, kw_only=True):
         table: Which table it belongs to.
         kinds: The rows that it counts in, one of each group.
         sample: The measurement.
-        is_said: Whether it was said to be ambiguous.
+        is_said: Whether it was said to be ambiguous, or perhaps the target.
         is_elsewhere: Whether something else than the target was measured.
     """
 
@@ -276,13 +276,13 @@ def _measured(
     if is_elsewhere:
         # How well the interval of another thing holds says nothing; that it was taken has a column of its own.
         sample = replace(sample, sigma_m=None)
-    is_said = "ambiguous" in found.reason
+    is_said = "ambiguous" in found.reason or found.status is DetectionStatus.PERHAPS
     return FlatSample(table=name, kinds=kinds, sample=sample, is_said=is_said, is_elsewhere=is_elsewhere)
 
 
 def _of_nearest(sample: Sample, found: Detection, scene: Scene, made: RenderedScene) -> tuple[Sample, bool]:
     """Compare with the twin that was measured, and say whether it was neither of them."""
-    if found.status is not DetectionStatus.FOUND:
+    if not found.is_whole:
         return sample, False
     outlines = {made.truth.distance_m: made.truth.outline_px}
     if isinstance(scene.target, GroupTarget):
@@ -322,7 +322,7 @@ def _rows(samples: Sequence[FlatSample]) -> str:
         "found %",
         f"off by more than {GROSS:.0%}, %",
         "another thing, unsaid, %",
-        "said to be ambiguous %",
+        "said to be ambiguous or perhaps %",
         "95 % interval holds %",
     )
     rows = []

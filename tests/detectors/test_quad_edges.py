@@ -15,8 +15,9 @@ from stadimeter.detectors.sheet.quadrilaterals import (
     SearchedPicture,
     find_quadrilaterals,
     not_seen_before,
+    other_masks,
+    pale_masks,
     quick_masks,
-    thorough_masks,
 )
 from support.scenes.draw import sheet_scene
 from support.scenes.render import render
@@ -56,7 +57,7 @@ def test_a_bright_sheet_stands_out_with_one_sign_on_all_sides_and_nothing_does_n
     assert (away.support == 0).all()
 
 
-@pytest.mark.parametrize("masks", [quick_masks, thorough_masks])
+@pytest.mark.parametrize("masks", [quick_masks, pale_masks, other_masks])
 def test_the_outline_of_the_sheet_is_among_those_found(masks) -> None:
     outlines = find_quadrilaterals(masks(SearchedPicture.of(MADE.image)), 10.0)
     apart = np.abs(outlines[:, :, None] - CORNERS[None, None]).max(axis=3).min(axis=1).max(axis=1)
@@ -68,7 +69,7 @@ def test_something_that_touches_the_sheet_does_not_hide_its_outline() -> None:
     mask[50:150, 80:220] = 255
     mask[100:110, 220:280] = 255
     mask[20:50, 120:130] = 255
-    outlines = find_quadrilaterals([(mask, 0.0)], 10.0)
+    outlines = find_quadrilaterals([mask], 10.0)
     wanted = np.array(((80, 50), (219, 50), (219, 149), (80, 149)))
     assert np.abs(outlines - wanted).max(axis=(1, 2)).min() < 2
 

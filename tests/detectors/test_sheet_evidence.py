@@ -101,11 +101,36 @@ def test_its_colour_tells_which_of_two_outlines_is_the_sheet(draw, wall) -> None
     assert seen.centre_px == pytest.approx((180.3, 150.2), abs=1)
 
 
-def test_of_sheets_beyond_doubt_the_largest_is_taken_with_a_remark(draw, wall) -> None:
+def test_two_sheets_beyond_doubt_at_different_distances_contradict_each_other(draw, wall) -> None:
     picture = draw.polygon(wall(), card((180, 150), 120), WHITE)
     seen = found(draw.polygon(picture, card((430, 300), 80), WHITE))
-    assert seen.centre_px == pytest.approx((180, 150), abs=0.5)
-    assert seen.reason == "the largest of several sheets; another one is 80 px long at (430, 300)"
+    assert seen.status is DetectionStatus.NOT_FOUND
+    assert re.match(r"ambiguous: two outlines fit, one 120 px long at \(180, 150\), one 80 px long at", seen.reason)
+
+
+def test_what_is_on_a_sheet_is_no_rival_of_it(draw, wall) -> None:
+    picture = draw.polygon(wall(), card((320, 240), 240), WHITE)
+    seen = found(draw.noise(draw.polygon(picture, card((320, 240), 120), GREEN)))
+    assert seen.status is DetectionStatus.FOUND, seen.reason
+    assert seen.width_px == pytest.approx(240, abs=0.5)
+
+
+def test_paper_is_brighter_than_a_dark_frame_of_its_aspect(draw, wall) -> None:
+    picture = draw.polygon(wall(), card((180, 150), 160), (28, 26, 24))
+    seen = found(draw.noise(draw.polygon(picture, card((430, 300), 80), WHITE)))
+    assert seen.status is DetectionStatus.FOUND, seen.reason
+    assert seen.centre_px == pytest.approx((430, 300), abs=0.5)
+
+
+def test_what_looks_like_a_frame_or_a_screen_is_only_perhaps_the_sheet(draw, wall) -> None:
+    dark = draw.noise(draw.polygon(wall(), card((320, 240), 160), (28, 26, 24)))
+    assert found(dark).status is DetectionStatus.PERHAPS
+    assert "darker than what is around it; name its colour" in found(dark).reason
+    assert found(dark, hsv="0,0,0:179,255,60").status is DetectionStatus.FOUND
+    framed = draw.polygon(draw.polygon(wall(), card((320, 240), 160), (28, 26, 24)), card((320, 240), 130), WHITE)
+    seen = found(draw.noise(framed))
+    assert seen.status is DetectionStatus.PERHAPS
+    assert seen.reason == "it is in a frame; name its colour if it is the sheet"
 
 
 STRIP_M = np.array((2, 5.5)) * 0.0254
@@ -178,13 +203,15 @@ def test_an_edge_bias_as_large_as_the_sheet_leaves_nothing_to_measure(draw, wall
     assert "edge bias" in seen.reason
 
 
-@pytest.mark.parametrize("seed", [11, 17])
-def test_the_true_sheet_is_among_the_rejected_that_are_shown(seed: int) -> None:
+@pytest.mark.parametrize("seed", [9, 17])
+def test_a_sheet_of_another_size_than_stated_is_perhaps_it_or_among_the_rejected(seed: int) -> None:
     made = render(sheet_scene(seed, 0.3))
     centre = made.truth.outline_px.mean(axis=0)
     seen = found(made.image, width="297 mm", height="245 mm")
     assert seen.status is not DetectionStatus.FOUND
-    assert any(np.abs(np.array(each.centre_px) - centre).max() < 6 for each in seen.rejected)
+    perhaps = [seen.centre_px] if seen.status is DetectionStatus.PERHAPS else []
+    shown = [*perhaps, *(each.centre_px for each in seen.rejected)]
+    assert any(np.abs(np.array(each) - centre).max() < 6 for each in shown)
 
 
 @given(

@@ -259,13 +259,12 @@ def diagonals_meet(corners: Points) -> tuple[float, float]:
     return ax + share * (cx - ax), ay + share * (cy - ay)
 
 
-def grown(corners: Points, by_px: float | Values) -> Points:
-    """Move the sides of convex outlines, clockwise on the screen, ``(k, 4, 2)``, outwards; all alike or each apart."""
+def grown(corners: Points, by_px: float) -> Points:
+    """Move the sides of a convex outline, clockwise on the screen, shape ``(4, 2)``, outwards."""
     # Both sides at a corner move out by by_px, so the corner moves along each by by_px / sine of their angle; the sine
     # is held above 0.2 (12 degrees), or a spike would run away.
-    after = corners[:, [1, 2, 3, 0]] - corners
-    along = after / np.maximum(np.hypot(after[..., 0], after[..., 1]), 1e-9)[..., None]
-    back = -along[:, [3, 0, 1, 2]]
-    sine = np.abs(back[:, :, 0] * along[:, :, 1] - back[:, :, 1] * along[:, :, 0])
-    moves_px = np.reshape(by_px, (-1, 1)) / np.maximum(sine, 0.2)
-    return np.asarray(corners - (along + back) * moves_px[:, :, None])
+    after = corners[[1, 2, 3, 0]] - corners
+    along = after / np.maximum(np.hypot(after[:, 0], after[:, 1]), 1e-9)[:, None]
+    back = -along[[3, 0, 1, 2]]
+    sine = np.abs(back[:, 0] * along[:, 1] - back[:, 1] * along[:, 0])
+    return np.asarray(corners - (along + back) * (by_px / np.maximum(sine, 0.2))[:, None])

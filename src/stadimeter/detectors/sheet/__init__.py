@@ -150,8 +150,9 @@ class SheetDetector:
     ) -> Detection:
         """Look for the outline most like the sheet, the larger the better; whole ones before those that are cut off.
 
-        Of several sheets beyond doubt the largest is taken, with a remark. Where two outlines of different sizes may be
-        the sheet, none is: a wrong distance is worse than none.
+        Where two outlines of different sizes are as likely, none is measured: a wrong distance is worse than none. Of
+        what lies in each other the outer one is the sheet, and paper is brighter than what is around it. Where little
+        speaks for the best one it is perhaps the sheet.
         """
         # Three ways, each dearer than the one before: the four sides where they are expected, a search around there,
         # and the whole picture. The first two count only without a doubt.
@@ -164,12 +165,12 @@ class SheetDetector:
         near = Region.expected(prediction, frame.image, sizes=REGION_SIDES, margin_px=REGION_MARGIN_PX, outwards=True)
         if near is not None:
             findings = search.look(near, prediction)
-            if findings.best is not None and findings.doubt is None:
+            if findings.best is not None and findings.is_sure:
                 return self._found(findings.best, findings, lens)
         findings = search.look(Region.whole(frame.image))
-        if findings.doubt is not None:
+        if findings.rival is not None:
             return self._refused(f"ambiguous: {findings.doubt}", findings)
-        if findings.best is not None:
+        if findings.best is not None and (findings.is_sure or findings.cut_off is None):
             return self._found(findings.best, findings, lens)
         return self._not_measured(findings)
 
@@ -199,10 +200,11 @@ class SheetDetector:
         corners = _without_bias(best, bias_px)
         remarks = ("" if lens is not None else other_paper(corners, self._size, None), _others_text(findings))
         width_px, height_px = width_and_height(corners)
+        doubt = findings.doubt
         return Detection(
             target=self._name,
-            status=DetectionStatus.FOUND,
-            reason="; ".join(filter(None, remarks)),
+            status=DetectionStatus.PERHAPS if doubt else DetectionStatus.FOUND,
+            reason="; ".join(filter(None, (doubt, *remarks))),
             outline_px=corners,
             centre_px=diagonals_meet(corners),
             width_px=width_px,
@@ -239,9 +241,7 @@ class SheetDetector:
 
 def _others_text(findings: Findings) -> str:
     """Say that there are several sheets, if there are."""
-    rival, twin = findings.rival, findings.twin
-    if rival is not None:
-        return f"the largest of several sheets; another one is {rival.where}"
+    twin = findings.twin
     return "" if twin is None else f"several fit alike; another one is {twin.where}"
 
 
@@ -249,7 +249,7 @@ def _without_bias(best: SheetCandidate, bias_px: float) -> Points:
     """Return the corners with the camera's edge bias taken off: a bright sheet appears too large by it."""
     if not bias_px:
         return best.corners_px
-    return np.asarray(grown(best.corners_px[None], -bias_px if best.is_brighter else bias_px)[0])
+    return grown(best.corners_px, -bias_px if best.is_brighter else bias_px)
 
 
 # A sheet that was seen a moment ago: four short searches along where its sides are expected, and a look at its shape.

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from msgspec import Struct, field
 
@@ -33,9 +34,11 @@ REFUSED_OF_A_KIND = 3
 # The stage of what passed all tests: later than the last of them, so that it is reported first.
 KEPT_STAGE = 16
 
-# Least evidence of what is taken for the sheet, and that beyond which no other one is looked for.
+# Least evidence of what is taken for the sheet, and that beyond which no other one is looked for; and least evidence of
+# what is perhaps the sheet, where nothing else is as likely.
 MIN_EVIDENCE = 1.5
 SURE_EVIDENCE = 2.5
+MIN_PERHAPS = -1.5
 
 # A candidate with less evidence than another by RIVAL_EVIDENCE is not the sheet, unless it is beyond doubt itself. Two
 # that may be it contradict each other if the logarithms of their sizes differ by more than RIVAL_LOG_SIZE, plus
@@ -56,6 +59,7 @@ class SheetCandidate(Struct, frozen=True, kw_only=True, eq=False):
     corner_sigma_px: float  # standard deviation of their coordinates
     is_brighter: bool  # whether it is brighter than what is around it
     quality: float  # from 0, barely a candidate, to 1, as it should look
+    is_paper: bool = True  # whether nothing tells that it is a frame, a screen or a pane rather than paper
     evidence: float = 0.0  # how much speaks for it being the sheet, see `stadimeter.detectors.sheet.evidence`
 
     @property
@@ -105,47 +109,62 @@ class Findings(Struct, kw_only=True):
     cut_off: SheetCandidate | None = None
     refused: list[RefusedCandidate] = field(default_factory=list)
 
+    # Of these, what may be the sheet, the likeliest first.
+    likely: list[SheetCandidate] = field(default_factory=list)
+
     @property
     def best(self) -> SheetCandidate | None:
         """The outline that looks most like the sheet; None if none is one."""
-        return max((each for each in self._likely if each.evidence >= MIN_EVIDENCE), key=_score, default=None)
+        return self.likely[0] if self.likely else None
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the best one is the sheet beyond doubt: paper, of which enough tells, and nothing contradicts."""
+        return self.best is not None and not self.doubt
 
     @property
     def rival(self) -> SheetCandidate | None:
-        """Another one that may be the sheet and contradicts; None if there is none."""
+        """Another one that is as likely, and would be at another distance; None if there is none."""
         best = self.best
-        if best is None:
-            return None
-        return max((each for each in self._likely if _contradict(each, best)), key=_score, default=None)
+        others = (each for each in self.likely[1:] if best and _contradict(each, best) and not _is_inside(each, best))
+        return next(others, None)
 
     @property
     def twin(self) -> SheetCandidate | None:
         """Another one that may be the sheet and is about as far away; None if there is none."""
         best = self.best
-        if best is None:
-            return None
-        twins = (each for each in self._likely if not _contradict(each, best) and _apart(each, best) > 0.5)
-        return max(twins, key=_score, default=None)
+        others = (each for each in self.likely[1:] if best and not _contradict(each, best) and _apart(each, best) > 0.5)
+        return next(others, None)
 
     @property
-    def _likely(self) -> list[SheetCandidate]:
-        # Evidence is a logarithm: RIVAL_EVIDENCE below the best means less than a quarter of its odds.
-        most = max((each.evidence for each in self.kept), default=0.0)
-        return [each for each in self.kept if each.evidence >= min(most - RIVAL_EVIDENCE, SURE_EVIDENCE)]
-
-    @property
-    def doubt(self) -> str | None:
-        """Flags two outlines fit, where neither is beyond doubt; None where it is clear which one is the sheet."""
+    def doubt(self) -> str:
+        """Why the best one is only perhaps the sheet, or why none is taken; empty where it is beyond doubt."""
         best, rival = self.best, self.rival
-        if best is None or rival is None or min(best.evidence, rival.evidence) >= SURE_EVIDENCE:
-            return None
-        return f"two outlines fit, one {best.where}, one {rival.where}; name its colour, or take the other one away"
+        if best is None:
+            return ""
+        if rival is not None:
+            return f"two outlines fit, one {best.where}, one {rival.where}; name its colour, or take the other one away"
+        if best.evidence < MIN_EVIDENCE:
+            return f"little speaks for it: evidence {best.evidence:.1f}, limit {MIN_EVIDENCE:.1f}"
+        if not best.is_paper:
+            looks = "in a frame" if best.is_brighter else "darker than what is around it"
+            return f"it is {looks}; name its colour if it is the sheet"
+        return ""
 
     def keep(self, candidate: SheetCandidate) -> None:
         """Keep what passed all tests, if it is not there already."""
         same = (np.abs(each.corners_px - candidate.corners_px).max() < SAME_PX for each in self.kept)
-        if not any(same):
-            self.kept.append(candidate)
+        if any(same):
+            return
+        self.kept.append(candidate)
+        # Evidence is a logarithm: RIVAL_EVIDENCE below the best means less than a quarter of its odds. A dark frame, or
+        # the pale mat in it, has the shape of paper too: beside it, what looks like paper needs no more than is enough.
+        papers = [each for each in self.kept if each.is_paper]
+        most, most_of_papers = (max((c.evidence for c in every), default=-math.inf) for every in (self.kept, papers))
+        is_paper = most_of_papers >= min(most - RIVAL_EVIDENCE, MIN_EVIDENCE)
+        most, every = (most_of_papers, papers) if is_paper else (most, self.kept)
+        likely = [each for each in every if each.evidence >= max(most - RIVAL_EVIDENCE, MIN_PERHAPS)]
+        self.likely = sorted(likely, key=lambda each: -each.score)
 
     def sift(self, stage: int, corners: Points, good: Flags, test: Test, likely: Values | None = None) -> Flags:
         """Return which of the good candidates, ``(c, 4, 2)``, pass a test; note the likeliest, or largest, that fail.
@@ -173,8 +192,7 @@ class Findings(Struct, kw_only=True):
 
     def rejected(self) -> tuple[RejectedCandidate, ...]:
         """Return what was refused, the most like the sheet first, each place once."""
-        best = self.best
-        taken = None if self.doubt else best
+        taken = None if self.rival else self.best
         others = [each for each in self.kept if each is not taken]
         every = [_as_refused(each) for each in others] + self.refused
         kept: list[RejectedCandidate] = []
@@ -188,8 +206,9 @@ class Findings(Struct, kw_only=True):
         return tuple(kept)
 
 
-def _score(candidate: SheetCandidate) -> float:
-    return candidate.score
+def _is_inside(one: SheetCandidate, other: SheetCandidate) -> bool:
+    """Return whether an outline lies in another one, so that it is what is on the sheet."""
+    return cv2.pointPolygonTest(other.corners_px.astype(np.float32), one.centre_px, measureDist=False) > 0
 
 
 def _contradict(one: SheetCandidate, other: SheetCandidate) -> bool:

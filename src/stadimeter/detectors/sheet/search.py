@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from msgspec.structs import replace
@@ -44,12 +44,14 @@ from stadimeter.detectors.sheet.evidence import CUT_PX, Looks, shape_evidence, s
 from stadimeter.detectors.sheet.one_outline import measure_each, settle_each
 from stadimeter.detectors.sheet.outlines import MAX_LOG_RATIO, cut_off_evidence, facing_evidence, ratio_evidence
 from stadimeter.detectors.sheet.quadrilaterals import (
+    COARSE_PX,
+    FINE_PX,
     SearchedPicture,
-    bright_masks,
     find_quadrilaterals,
     not_seen_before,
+    other_masks,
+    pale_masks,
     quick_masks,
-    thorough_masks,
 )
 from stadimeter.detectors.sheet.side_tests import (
     MIN_CONTRAST,
@@ -67,13 +69,15 @@ from stadimeter.ranging.flat import SheetShape
 SEARCH_SCALE = 0.5
 SEARCH_LONG_SIDES_PX = (320, 800)
 
-# Shortest side of outlines that are looked for, in pixels of the reduced picture; and, in pixels of the picture, of the
-# side that the distance does not come from: a strip of lit tape is read by its length where its height is 4 px.
-MIN_SEARCHED_PX = 5.0
-MIN_OTHER_SIDE_PX = 3.0
+# Long side of the coarse picture in which a sheet is looked for as a region.
+REGIONS_LONG_SIDE_PX = 360
 
-# After the quick one, one after the other, until the sheet is found beyond doubt.
-LATER_SEARCHES = (bright_masks, partial(bright_masks, first=1), thorough_masks)
+# Shortest side of outlines that are looked for, in pixels of the reduced picture, and of the coarse one: with less,
+# hundreds of stripes and letters come before a page; and, in pixels of the picture, of the side that the distance does
+# not come from: a strip of lit tape is read by its length where its height is 4 px.
+MIN_SEARCHED_PX = 5.0
+MIN_REGION_PX = 8.0
+MIN_OTHER_SIDE_PX = 3.0
 
 # A sheet turned away further from the line of sight is not looked for: it appears at a third of its length.
 MAX_TILT_RAD = math.radians(70)
@@ -93,13 +97,16 @@ SECOND_LOOK_OFF_PX = 0.4
 # Candidates that passed this many tests had their sides measured to the end.
 SERIOUS_STAGE = 4
 
+# Share of each side that is seen of a sheet of which the border cuts a corner.
+MIN_CUT_CORNER_SUPPORT = 0.6
+
 # Up to this many candidates are measured one by one, which is quicker.
 FEW = 3
 
 # Candidates of a mask whose sides are looked at, the clearest first; and those that are measured to the end. With six
 # of the latter, a sheet before something nearly as pale was dropped, since six other outlines stood out more.
 MAX_LOOKED_AT = 64
-MAX_SETTLED = 12
+SETTLED = (0, 5, 12)
 
 # Share of each side that must be a straight edge already at the first, rough look.
 FIRST_SUPPORT = 0.15
@@ -159,7 +166,6 @@ class SheetSearch:
 
     def look(self, region: Region, expected: Prediction | None = None) -> Findings:
         """Look for the sheet in a part of the picture; where one is expected, only what is about as large counts."""
-        # Cheap masks first. A later, slower search runs only while nothing found is beyond doubt.
         part = region.of(self._image)
         least, most = SEARCH_LONG_SIDES_PX
         small, scale = reduced(part, int(min(max(SEARCH_SCALE * max(part.shape[:2]), least), most)))
@@ -168,28 +174,34 @@ class SheetSearch:
         findings = Findings()
         outlines = np.empty((0, 4, 2))
         seen: set[tuple[float, ...]] = set()
-        for masks in (self._first_masks, *LATER_SEARCHES):
+        # Cheap masks first. The later ones follow only while nothing found is beyond doubt.
+        for masks in (self._first_masks, pale_masks, other_masks):
+            is_first = masks == self._first_masks
+            if masks is pale_masks and max(picture.image.shape) > REGIONS_LONG_SIDE_PX:
+                small, scale = reduced(part, REGIONS_LONG_SIDE_PX)
+                picture = SearchedPicture.of(small)
             # Half of the smallest side, in pixels of the reduced picture: an outline found there is rough, and the
             # limit itself is tested once its sides are measured.
-            smallest_px = max(self._min_side_px * scale / 2, min(MIN_SEARCHED_PX, self._least_px))
-            outlines = find_quadrilaterals(masks(picture), smallest_px)
+            least_px = min(MIN_SEARCHED_PX if is_first else MIN_REGION_PX, self._least_px)
+            smallest_px = max(self._min_side_px * scale / 2, least_px)
+            outlines = find_quadrilaterals(masks(picture), smallest_px, FINE_PX if is_first else COARSE_PX)
             outlines = to_full_scale(outlines, scale) + region.left_top_px
-            if masks == self._first_masks:
+            if is_first:
                 looks.note_others(outlines, self._aspect)
             on_border = sides_on_border(outlines, self._image.shape, _margin_px(scale))
             # The same outline shows in many masks; it is judged in the first.
             unseen = not_seen_before(outlines * scale, seen)
             self._judge(findings, outlines[unseen & ~on_border.any(axis=1)], scale, expected, looks)
-            if findings.best is not None and findings.best.evidence >= SURE_EVIDENCE:
+            if findings.is_sure:
                 break
-        if findings.best is None:
+        if not findings.is_sure:
             self._judge_cut_off(findings, outlines, on_border, scale, looks)
         return findings
 
-    def _first_masks(self, picture: SearchedPicture) -> Iterator[tuple[Mask, float]]:
+    def _first_masks(self, picture: SearchedPicture) -> Iterator[Mask]:
         yield from quick_masks(picture)
         if self._colour is not None:
-            yield self._colour.mask(picture.image), 0.0
+            yield self._colour.mask(picture.image)
 
     def _judge(
         self, findings: Findings, outlines: Points, scale: float, expected: Prediction | None, looks: Looks
@@ -203,7 +215,9 @@ class SheetSearch:
             if not len(fitting):
                 return
             edges = self._at_once(fitting, scale) if len(shaped) > 1 and len(fitting) <= FEW else None
-            edges = self._settled(findings, fitting, scale) if edges is None else edges
+            if edges is None:
+                self._choose_of_many(findings, fitting, scale, expected, looks)
+                return
         if len(edges):
             self._choose(findings, edges, scale, expected, looks)
 
@@ -213,14 +227,21 @@ class SheetSearch:
         whole = [edges for edges in each if edges is not None]
         return distinct_edges(joined(whole)) if len(whole) == len(outlines) else None
 
-    def _settled(self, findings: Findings, outlines: Points, scale: float) -> QuadEdges:
-        """Measure the sides of many candidates, ever more closely, and ever fewer of them."""
+    def _choose_of_many(
+        self, findings: Findings, outlines: Points, scale: float, expected: Prediction | None, looks: Looks
+    ) -> None:
+        """Measure the sides of many candidates, ever more closely, ever fewer of them; the first ones to the end."""
         edges = measure_edges(self._picture, outlines, 2.0 + 1.0 / scale)
         edges = self._still_fitting(findings, edges, FIRST_LOOK_OFF_PX)
-        if len(edges):
-            edges = measure_edges_closer(self._picture, edges)
-            edges = self._still_fitting(findings, distinct_edges(edges), SECOND_LOOK_OFF_PX)[:MAX_SETTLED]
-        return distinct_edges(settle_each(self._picture, edges)) if len(edges) else edges
+        if not len(edges):
+            return
+        edges = measure_edges_closer(self._picture, edges)
+        edges = self._still_fitting(findings, distinct_edges(edges), SECOND_LOOK_OFF_PX)
+        for start, end in pairwise(SETTLED):
+            if len(edges) > start and not findings.is_sure:
+                settled = distinct_edges(settle_each(self._picture, edges[start:end]))
+                if len(settled):
+                    self._choose(findings, settled, scale, expected, looks)
 
     def _of_the_shape(self, findings: Findings, outlines: Points) -> Points:
         """Return the outlines that the sheet may have, whatever their sides look like."""
@@ -268,7 +289,10 @@ class SheetSearch:
         edges = edges[np.isfinite(edges.corners_px).all(axis=(1, 2))]
         corners, every = edges.corners_px, np.ones(len(edges), np.bool_)
         straight = edges.support.min(axis=1, initial=1.0) > FIRST_SUPPORT
-        good = findings.sift(2, corners, every, (straight, lambda i: straight_text(edges, i, FIRST_SUPPORT)))
+        seen = (
+            2 * edges.support.mean(axis=1) - 1
+        )  # what has hardly any side is less like it than what has another shape
+        good = findings.sift(2, corners, every, (straight, lambda i: straight_text(edges, i, FIRST_SUPPORT)), seen)
         misfit_px, limits = self._shape.misfit_px(corners), self._misfit_limits(edges, off_px)
         near: Test = (misfit_px < limits, lambda i: self._misfit_text(misfit_px[i], limits[i], corners[i]))
         return edges[findings.sift(3, corners, good, near, 2 * limits / np.maximum(misfit_px, limits))]
@@ -296,7 +320,10 @@ class SheetSearch:
         quality = np.add.reduce(edges.support, axis=1) / 4 * (1 - np.minimum(misfit_px / limits, 1.0) / 2)
         min_quality = 0.0 if self._is_strict else MIN_QUALITY
         evidence = self._evidence(edges, fits, expected, looks)
-        good = ~corners_on_border(edges.corners_px, self._image.shape, _margin_px(scale))
+        # A corner may lie beyond the border, where the lines of two sides meet that are seen for the most part.
+        on_border = corners_on_border(edges.corners_px, self._image.shape, 1.0)
+        good = ~sides_on_border(edges.corners_px, self._image.shape, _margin_px(scale)).any(axis=1)
+        good &= ~on_border | (edges.support.min(axis=1) >= MIN_CUT_CORNER_SUPPORT)
         tests: tuple[Test, ...] = (
             *_size_test(edges, expected),
             *side_tests(edges, self._least_px),
@@ -310,14 +337,17 @@ class SheetSearch:
         # In order: the first test that a candidate fails is the reason that is given for it.
         for stage, test in enumerate(tests, SERIOUS_STAGE):
             good = findings.sift(stage, edges.corners_px, good, test, evidence / 2)
+        # The median of the four contrasts: one side may lie before something brighter than the sheet.
+        is_brighter = np.median(edges.contrast, axis=1) >= 0
+        is_paper = (self._colour is not None) | (is_brighter & ~looks.in_frames(edges.corners_px))
         for number in np.nonzero(good)[0].tolist():
             off_px = MISFIT_FACTOR * misfit_px[number] * self._is_strict
             findings.keep(
                 SheetCandidate(
                     corners_px=edges.corners_px[number],
                     corner_sigma_px=math.hypot(sigmas[number], off_px),
-                    # The median of the four contrasts: one side may lie before something brighter than the sheet.
-                    is_brighter=sum(sorted(edges.contrast[number].tolist())[1:3]) >= 0,
+                    is_brighter=bool(is_brighter[number]),
+                    is_paper=bool(is_paper[number]),
                     quality=float(quality[number]),
                     evidence=float(evidence[number]),
                 )

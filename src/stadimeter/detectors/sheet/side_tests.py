@@ -39,9 +39,6 @@ def side_tests(edges: QuadEdges, min_side_px: float) -> tuple[Test, ...]:
     shapes = quad_shapes(edges.corners_px)
     # One number for each candidate and test; those that follow are shape (c,) but for `support`, which has the sides.
     contrast, support = edges.colour_contrast.min(axis=1), edges.support
-    bends = edges.scatter_px / np.maximum(MAX_BEND_PX, MAX_BEND_SHARE * shapes.sides_px)
-    uneven = np.maximum(edges.unevenness.max(axis=1), _imbalance(edges))
-    even_limit = even_limits(edges)
     return (
         (shapes.shorter_px >= min_side_px, lambda i: small_text(shapes, i, min_side_px)),
         (
@@ -53,15 +50,19 @@ def side_tests(edges: QuadEdges, min_side_px: float) -> tuple[Test, ...]:
             support.mean(axis=1) >= MIN_MEAN_SUPPORT,
             lambda i: f"{support[i].mean():.0%} of its sides are straight edges, limit {MIN_MEAN_SUPPORT:.0%}",
         ),
-        (
-            bends.max(axis=1) <= 1,
-            lambda i: f"bent sides: edge scatters by {bends[i].max():.1f} times the limit",
-        ),
-        (
-            uneven <= even_limit,
-            lambda i: f"uneven inside: by {uneven[i]:.0f} levels along its border, limit {even_limit[i]:.0f}",
-        ),
     )
+
+
+def bends(edges: QuadEdges) -> Values:
+    """Return how many times the limit the steps of the most bent side scatter about a straight line, shape ``(c,)``."""
+    limits_px = np.maximum(MAX_BEND_PX, MAX_BEND_SHARE * quad_shapes(edges.corners_px).sides_px)
+    return np.asarray((edges.scatter_px / limits_px).max(axis=1))
+
+
+def unevenness(edges: QuadEdges) -> Values:
+    """Return how many times the limit the inside differs along the border, shape ``(c,)``."""
+    uneven = np.maximum(edges.unevenness.max(axis=1), _imbalance(edges))
+    return np.asarray(uneven / even_limits(edges))
 
 
 def even_limits(edges: QuadEdges) -> Values:

@@ -381,7 +381,7 @@ def _without_bias(corners: Points, sides: TagSides, edge_bias_px: float) -> Poin
     """Return the corners with the camera's edge bias taken off: a black tag appears too small by it."""
     # The bias makes what is bright larger: the paper around a black tag, so its edges move outwards again.
     outwards_px = edge_bias_px if sides.contrast[0] > 0 else -edge_bias_px
-    return np.asarray(grown(corners[None], outwards_px)[0])
+    return grown(corners, outwards_px)
 
 
 def _size_sigma_px(sides: TagSides, cell_px: float, *, compressed: bool) -> float:
