@@ -108,7 +108,7 @@ class ConfigError(StadimeterError, ValueError):
 
 
 class DemonstrationError(ConfigError):
-    """What is asked for would change the configuration of the demonstration.
+    """A request that would change the configuration of the demonstration.
 
     Attributes:
         code: What it is, for programs.

@@ -1,4 +1,4 @@
-"""What an operator can do to alarms and outputs: one table.
+"""Actions of an operator on alarms and outputs: one table.
 
 It makes the operations of the control socket, the paths of the page and their OpenAPI document, the commands of the
 command line with their help, and the actions of buttons. What an action does to an alarm is in `core.alarms.operating`.
@@ -55,22 +55,22 @@ class OperatorAction(StrEnum):
 
     @property
     def lets_outputs_act(self) -> bool:
-        """Whether its purpose is that outputs may act which stood still; from afar it needs more trust than others."""
+        """True if its purpose is that outputs may act which stood still; from afar it needs more trust than others."""
         return self in {OperatorAction.RELEASE_OUTPUTS, OperatorAction.ARM, OperatorAction.CONFIRM_MOUNTING}
 
     @property
     def writes_file(self) -> bool:
-        """Whether the run writes a file for it; from afar it needs more trust than others."""
+        """True if the run writes a file for it; from afar it needs more trust than others."""
         return self is OperatorAction.CLIP
 
     @property
     def is_timed(self) -> bool:
-        """Whether it takes a duration."""
+        """True if it takes a duration."""
         return "for_s" in self.takes
 
     @property
     def needs_value(self) -> bool:
-        """Whether it takes a value, so that it is for one rule and for no button."""
+        """True if it takes a value, so that it is for one rule and for no button."""
         return "value" in self.takes
 
     ACKNOWLEDGE = (

@@ -68,7 +68,7 @@ class Button(Protocol):
         """
 
     def is_pressed(self) -> bool:
-        """Return whether it is down now; contacts may bounce. Never waits.
+        """Check whether it is down now; contacts may bounce. Never waits.
 
         Raises:
             DriverError: The device failed.

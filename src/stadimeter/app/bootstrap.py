@@ -50,7 +50,7 @@ class StagedWorld(Protocol):
         ...
 
     def goes_wrong(self, fault: str) -> bool:
-        """Return whether a fault is there now.
+        """Check whether a fault is there now.
 
         Args:
             fault: Its kind, as in the schedule of a configuration: such as ``hide-target``.
@@ -190,7 +190,7 @@ def locator_of(configuration: Configuration) -> CameraLocator | None:
 
 
 def _second_camera(configuration: Configuration, builder: _Builder) -> dict[str, Any]:
-    """Return what a cycle needs of a second camera, by its attributes; nothing where there is none."""
+    """Return the things a cycle needs of a second camera, by its attributes; nothing where there is none."""
     choice, rig = configuration.second_camera, configuration.rig
     if choice is None or rig is None:
         return {}
@@ -201,7 +201,7 @@ def _second_camera(configuration: Configuration, builder: _Builder) -> dict[str,
 
 
 def _is_liveness_judged(configuration: Configuration, camera: Camera) -> bool:
-    """Return whether the picture must show that the base drives."""
+    """Check whether the picture must show that the base drives."""
     if configuration.base is None or not configuration.plan.safety.liveness:
         return False
     return camera.is_live or (isinstance(camera, ShowsOwnMotion) and camera.shows_own_motion)

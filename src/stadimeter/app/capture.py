@@ -106,7 +106,7 @@ class CaptureThread:
             self._thread.join(STOP_WAIT_S)
 
     def trouble(self) -> str:
-        """Return what is wrong with the camera at present, in words, or an empty string."""
+        """Describe the camera's trouble at present, in words, or return an empty string."""
         if words := self._outage or self.hung():
             return words
         quiet_s = self._clock.now_s() - self._new_frame_at_s
@@ -172,12 +172,12 @@ class CaptureThread:
 
 
 def _reopening_words(cause: str, delay_s: float) -> str:
-    """Return what happened and what is done about it, in one line that stays the same until either changes."""
+    """Describe the event and what is done about it, in one line that stays the same until either changes."""
     return f"{cause}; opening the camera again after {delay_s:g} s"
 
 
 class Capture:
-    """Where the loop gets its frames: read in the caller's thread, as from a recording or a simulation."""
+    """The source of the loop's frames: read in the caller's thread, as from a recording or a simulation."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
@@ -206,7 +206,7 @@ class Capture:
         return self._camera.read()
 
     def trouble(self) -> str:
-        """Return what is wrong with the camera at present, in words, or an empty string."""
+        """Describe the camera's trouble at present, in words, or return an empty string."""
         return ""
 
     def hung(self) -> str:
@@ -218,7 +218,7 @@ class Capture:
         return ""
 
     def remarks(self) -> tuple[str, ...]:
-        """Return what the user should know of the camera as it was opened, a sentence each."""
+        """List the things the user should know of the camera as it was opened, a sentence each."""
         return self._camera.remarks
 
     def not_for_motion(self) -> str:
@@ -281,7 +281,7 @@ class LiveCapture(Capture):
         raise CaptureTimeoutError(thread.trouble() or f"no new frame in {timeout_s:.2f} s")
 
     def trouble(self) -> str:
-        """Return what is wrong with the camera at present, in words, or an empty string."""
+        """Describe the camera's trouble at present, in words, or return an empty string."""
         thread = self._thread
         if thread is None:
             return "the camera is not open"
@@ -341,7 +341,7 @@ class SecondCapture:
         return min(self._recent, key=lambda each: abs(each.captured_at_s - at_s), default=None)
 
     def trouble(self) -> str:
-        """Return what is wrong with the camera at present, in words, or an empty string."""
+        """Describe the camera's trouble at present, in words, or return an empty string."""
         if words := self._capture.trouble():
             return words
         is_quiet = self._clock.now_s() - self._new_frame_at_s > QUIET_S

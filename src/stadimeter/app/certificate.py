@@ -35,7 +35,7 @@ ROUNDING_M = 0.005
 
 
 class Certificate(CertificateStamp, frozen=True, kw_only=True):
-    """What was found out about a site; without a fit, what has been measured so far.
+    """The findings about a site; without a fit, what has been measured so far.
 
     Attributes:
         target: The name of the target in the configuration.
@@ -57,7 +57,7 @@ class Certificate(CertificateStamp, frozen=True, kw_only=True):
 
 
 class Reliance(Struct, frozen=True, kw_only=True):
-    """What a rule may rely on at one of its distances.
+    """The figures that a rule may rely on at one of its distances.
 
     Attributes:
         at: Where that stands in the configuration.

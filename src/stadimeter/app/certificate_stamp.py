@@ -23,7 +23,7 @@ _Kind = TypeVar("_Kind")
 
 
 class CertificateStamp(Struct, frozen=True, kw_only=True):
-    """What a certificate is about.
+    """The subject of a certificate.
 
     Attributes:
         about: Fingerprints of the camera model, of the target's size and of the whole configuration.
@@ -35,7 +35,7 @@ class CertificateStamp(Struct, frozen=True, kw_only=True):
 
 
 def read_beside(configuration: Path, ending: str, kind: type[_Kind]) -> _Kind | None:
-    """Return what a file of that ending beside a configuration holds; None if there is none.
+    """Return the content of a file of that ending beside a configuration; None if there is none.
 
     Raises:
         ConfigError: It cannot be read.
@@ -50,7 +50,7 @@ def read_beside(configuration: Path, ending: str, kind: type[_Kind]) -> _Kind | 
 
 
 def certificate_status(configuration: Path, digest: str) -> dict[str, Any] | None:
-    """Return what there is to say of the certificate beside a configuration; None if there is none.
+    """Describe the certificate beside a configuration; None if there is none.
 
     Args:
         digest: The SHA-256 of the configuration that a run goes by.

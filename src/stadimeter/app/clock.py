@@ -238,12 +238,12 @@ class _Timex(ctypes.Structure):
 
 
 def is_synchronised(timesync_file: Path = TIMESYNC_FILE) -> bool:
-    """Return whether the computer's clock shows the right time."""
+    """Check whether the computer's clock shows the right time."""
     return timesync_file.exists() or _kernel_error_us() < ERROR_MAX_US
 
 
 def _kernel_error_us() -> float:
-    """Return how wrong the clock may be, in microseconds; infinite if the kernel does not say. Changes nothing."""
+    """Return the possible error of the clock, in microseconds; infinite if the kernel does not say. Changes nothing."""
     try:
         adjtimex = ctypes.CDLL(None).adjtimex
     except (OSError, AttributeError):  # a system without it

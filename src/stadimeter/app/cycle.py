@@ -206,7 +206,7 @@ class Cycle:
         return frame, ""
 
     def _wait_s(self) -> float:
-        """Return how long to wait for a frame: not beyond the moment at which the newest one becomes too old."""
+        """Return the time to wait for a frame: not beyond the moment at which the newest one becomes too old."""
         if self._newest is None:
             return FRAME_WAIT_S
         left_s = self._newest.captured_at_s + self.max_frame_age_s - self.clock.now_s()
@@ -245,11 +245,11 @@ class CycleRecord(Struct, frozen=True, kw_only=True):
 
     @property
     def mark(self) -> str:
-        """How distances are marked, such as ``unconfirmed``; empty if they are not."""
+        """The mark of distances, such as ``unconfirmed``; empty if they have none."""
         mounting = self.observation.mounting
         return mounting.status.value if mounting is not None and mounting.is_unconfirmed else ""
 
     @property
     def busy_s(self) -> float:
-        """How long it was computed, without the wait for the frame."""
+        """Time for which it was computed, without the wait for the frame."""
         return sum(self.timings_s.values()) - self.timings_s.get("capture", 0.0)

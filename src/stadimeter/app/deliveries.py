@@ -106,7 +106,7 @@ class Deliveries:
             messenger.retain_only(topics)
 
     def undelivered(self) -> tuple[Undelivered, ...]:
-        """Return what is neither delivered nor given up, oldest first."""
+        """Return the messages that are neither delivered nor given up, oldest first."""
         return tuple(
             (name, each) for name, sender in self._senders() for each in sender.undelivered() if not is_state(each)
         )

@@ -1,4 +1,4 @@
-"""What Home Assistant shows of a run: the entities of its targets, its rules and itself, from the compiled plan.
+"""The view that Home Assistant has of a run: the entities of its targets, its rules and itself, from the compiled plan.
 
 An entity is offered only if the run publishes what it shows and takes what it sends. So nothing is listed twice: a
 topic that is new brings its entities with it.
@@ -71,7 +71,7 @@ def announcement(
     retained: Iterable[str],
     orders: Iterable[str],
 ) -> Announcement:
-    """Return what Home Assistant discovers.
+    """Return the announcement that Home Assistant discovers.
 
     Args:
         retained: The topics of rules that the run publishes, below the base topic.
@@ -302,5 +302,5 @@ def _title(name: str) -> str:
 
 
 def _slug(name: str) -> str:
-    """Return what is left of a name in an entity id, which need not be unique."""
+    """Return the part of a name that is left in an entity id, which need not be unique."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or "x"

@@ -46,7 +46,7 @@ class Deadline:
 
     @property
     def is_set(self) -> bool:
-        """Whether the end was asked for."""
+        """True if the end was asked for."""
         return self._by_s < math.inf
 
     def left_s(self, wish_s: float, keep_s: float = 0.0) -> float:
@@ -235,7 +235,7 @@ def _end_after_input() -> None:
 
 
 def has_terminal() -> bool:
-    """Return whether the process has a controlling terminal, wherever its standard input and output lead."""
+    """Check whether the process has a controlling terminal, wherever its standard input and output lead."""
     try:
         os.close(os.open("/dev/tty", os.O_RDWR | os.O_NOCTTY))
     except OSError as error:  # what is not known counts as a terminal: then a run ends that could have gone on
@@ -244,7 +244,7 @@ def has_terminal() -> bool:
 
 
 def heeds_hangup() -> bool:
-    """Return whether SIGHUP means anything to us: ``nohup`` has it ignored, for what outlives its terminal."""
+    """Check whether SIGHUP means anything to us: ``nohup`` has it ignored, for what outlives its terminal."""
     return signal.getsignal(signal.SIGHUP) != signal.SIG_IGN
 
 

@@ -249,7 +249,7 @@ def _rotate(path: Path, more_bytes: int) -> None:
 
 
 def _is_cut(path: Path) -> bool:
-    """Return whether the last line of a log is no end of a run."""
+    """Check whether the last line of a log is no end of a run."""
     if not path.is_file():  # a pipe would be waited for
         return False
     try:

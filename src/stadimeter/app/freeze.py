@@ -81,7 +81,7 @@ class FreezeDetector:
         self._changed_at_s = now_s
 
     def is_new(self, frame: Frame, now_s: float) -> bool:
-        """Return whether a frame shows what was not shown before, all over, and was captured later."""
+        """Check whether a frame shows what was not shown before, all over, and was captured later."""
         hashed = zlib.crc32(np.ascontiguousarray(frame.image[::HASHED_ROWS]).data, frame.image.shape[1])
         self._what = self._what_is_old(frame, now_s, hashed)
         self._seen.note(hashed, now_s)
@@ -94,7 +94,7 @@ class FreezeDetector:
         return True
 
     def frozen(self, now_s: float) -> str:
-        """Return what has not changed since the last new picture or `restart`, and for how long; else ``""``."""
+        """Describe what has not changed since the last new picture or `restart`, and for how long; else ``""``."""
         unchanged_s = now_s - self._changed_at_s
         return f"{self._what} for {unchanged_s:.1f} s" if unchanged_s > self._frozen_after_s else ""
 
@@ -136,7 +136,7 @@ class SensorNoise:
         self._passed_over = 0
 
     def is_missing(self, last: Image, image: Image, *, is_suspect: bool) -> bool:
-        """Return whether a picture lacks the noise that it would have beside ``last`` if it had been taken anew.
+        """Check whether a picture lacks the noise that it would have beside ``last`` if it had been taken anew.
 
         Args:
             is_suspect: Whether anything in it is the same as before. If not, only one picture of `LEARN_EVERY` is
@@ -171,7 +171,7 @@ def equal_first_rows(last: Image, image: Image) -> NDArray[np.bool_]:
 
 
 def has_stale_bands(last: Image, image: Image, same_rows: NDArray[np.bool_]) -> bool:
-    """Return whether a part of a picture is that of the one before, while the rest was taken anew.
+    """Check whether a part of a picture is that of the one before, while the rest was taken anew.
 
     A decoder that gets half a picture leaves the other half as it was in its buffer. A band of rows that stays the
     same to the last bit is a sign of it, but only a sign: 8 of 11 good pictures of a still scene have such a band at

@@ -27,11 +27,11 @@ class DeliveryCounts(Protocol):
     """Knows what did not arrive, as `Deliveries` does."""
 
     def undelivered(self) -> Sized:
-        """Return what still waits."""
+        """Return the messages that still wait."""
         ...
 
     def given_up(self) -> Mapping[str, int]:
-        """Return how many were given up, by sender."""
+        """Return the number of messages given up, by sender."""
         ...
 
 
@@ -50,7 +50,7 @@ class HealthReports(Struct):
     _was_online: bool | None = field(default=None)
 
     def messages(self, now_s: float, wall_clock: Callable[[], str]) -> list[Message]:
-        """Return what is to be published now; `now_s` is on the run's clock."""
+        """Return the messages to be published now; `now_s` is on the run's clock."""
         messages: list[Message] = []
         age_s = self.history.frame_age_s
         is_online = age_s is not None and age_s < SILENT_S

@@ -1,4 +1,4 @@
-"""What a run says of itself to each client that connects."""
+"""The facts that a run tells of itself to each client that connects."""
 
 from __future__ import annotations
 

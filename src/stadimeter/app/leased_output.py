@@ -140,7 +140,7 @@ class LeasedOutput:
         return self._command.captured_at_s
 
     def report(self) -> BaseReport | None:
-        """Return what a robot base reported last; None for an actuator, and for a base that is out of order."""
+        """Return the last report of a robot base; None for an actuator, and for a base that is out of order."""
         told: Callable[[], BaseReport | None] | None = getattr(self._driver, "report", None)
         return None if told is None or self.fault else told()
 
@@ -336,7 +336,7 @@ class LeasedOutput:
             self._in_order_since_s = now_s
 
     def _broke_off_opening(self) -> bool:
-        """Return whether the driver is being opened. That ends now, closes the driver itself, and moved nothing."""
+        """Check whether the driver is being opened. That ends now, closes the driver itself, and moved nothing."""
         if self._end_opening is None:
             return False
         self._end_opening()

@@ -116,7 +116,7 @@ class Services(Struct):
 
     @property
     def is_restart_due(self) -> bool:
-        """Whether a restart of the program was requested and is possible."""
+        """True if a restart of the program was requested and is possible."""
         return self.restarter is not None and self.restarter.is_due
 
     def cancel_restart(self) -> None:
@@ -220,7 +220,7 @@ class Loop:
 
     @property
     def state(self) -> State | None:
-        """What is remembered of the newest cycle; None before the run begins."""
+        """The remembered state of the newest cycle; None before the run begins."""
         return self._state
 
     def give_up(self) -> list[str]:

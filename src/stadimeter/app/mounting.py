@@ -120,7 +120,7 @@ class MountingWatch:
             self.mounting = found
 
     def _look(self, frames: list[Frame], hidden: list[NDArray[np.float64]]) -> Mounting:
-        """Return what some pictures say. Runs in the thread."""
+        """Return the mounting as some pictures show it. Runs in the thread."""
         saved = load_reference(self._configuration.path)
         if saved is not None and saved.saved_unix_s != self._reference.saved_unix_s:  # by the command, meanwhile
             self._use(saved)
@@ -171,6 +171,6 @@ def watch_of(configuration: Configuration) -> tuple[MountingWatch | None, str]:
 
 
 def _is_confirmed(record: CycleRecord) -> bool:
-    """Return whether a person has confirmed an unconfirmed mounting in this cycle."""
+    """Check whether a person has confirmed an unconfirmed mounting in this cycle."""
     events = (each for each in record.decision.events if each.source == MOUNTING)
     return any(each.kind is EventKind.FAULT_CLEARED for each in events)

@@ -42,7 +42,7 @@ Outlines = Sequence[NDArray[np.float64]]
 
 
 class MountingReference(Struct, frozen=True, kw_only=True):
-    """What a file holds.
+    """The content of a file.
 
     Attributes:
         saved_unix_s: When its first view was saved.
@@ -72,13 +72,13 @@ class MountingReference(Struct, frozen=True, kw_only=True):
 
 
 def judge_by(reference: MountingReference, configuration: Configuration, lens: CameraModel) -> MountingJudge:
-    """Return what judges the views of a configuration's camera by a saved one."""
+    """Return the judge of the views of a configuration's camera by a saved one."""
     limits = limits_for(lens, configuration.tilt_sigma_rad, is_on_robot=configuration.base is not None)
     return MountingJudge(list(reference.views), limits)
 
 
 def lens_figures(lens: CameraModel) -> tuple[float, ...]:
-    """Return what decides where a pixel looks to."""
+    """Return the figures that decide where a pixel looks to."""
     return (lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, *lens.distortion)
 
 

@@ -79,7 +79,7 @@ class Presses:
         return self._newest_since_s - self._down_since_s
 
     def is_stuck(self) -> bool:
-        """Return whether it is held down for longer than a press lasts, or since the beginning."""
+        """Check whether it is held down for longer than a press lasts, or since the beginning."""
         return self.is_down and self._looked_at_s - self._down_since_s > STUCK_S
 
 
@@ -111,7 +111,7 @@ class PushButton:
         return True
 
     def commands(self) -> tuple[OperatorCommand, ...]:
-        """Return what it has asked for since the last call, oldest first. Never waits."""
+        """Return the commands it has asked for since the last call, oldest first. Never waits."""
         return tuple(self._commands.popleft() for _ in range(len(self._commands)))
 
     def trouble(self) -> str:
@@ -187,7 +187,7 @@ def _flashes(count: int, *, lit: float = 1.0) -> Pattern:
 
 
 class Status(Enum):
-    """How a run is doing. The value is what the LED shows, for as long as it lasts."""
+    """State of a run. The value is what the LED shows, for as long as it lasts."""
 
     WATCHING = _flashes(1)
     """All is well, and no target is in sight."""
@@ -209,7 +209,7 @@ class Status(Enum):
 
 
 def status_of(record: CycleRecord) -> Status:
-    """Return what a cycle says of the run: of several things, the one that matters most."""
+    """Return the status that a cycle shows of the run: of several things, the one that matters most."""
     decision, observation = record.decision, record.observation
     if observation.camera_fault and observation.camera_fault in decision.safety_reason:
         return Status.BLIND  # a slow camera has faults too, between two frames that are fresh

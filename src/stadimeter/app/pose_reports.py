@@ -47,7 +47,7 @@ class PoseReports:
 
 
 def _has_moved(before: CameraPose, now: CameraPose) -> bool:
-    """Whether the difference matters. Of a pose that is not known there is none."""
+    """Check whether the difference matters. Of a pose that is not known there is none."""
     one, other = ((*(each.position_m or ()), *(each.angles_rad or ())) for each in (before, now))
     off = [abs(a - b) for a, b in zip(one, other, strict=False)]
     off[3:] = [abs(math.remainder(each, math.tau)) for each in off[3:]]

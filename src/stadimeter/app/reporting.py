@@ -84,7 +84,7 @@ class Reporter:
         self.reported_losses: Mapping[str, int] = {}
 
     def messages(self, now_s: float, wall_clock: WallClock, decision: Decision, mark: str = "") -> tuple[Message, ...]:
-        """Return what is to be reported after each cycle: events, rules, targets with the mark of their distances."""
+        """Return the messages to report after each cycle: events, rules, targets with the mark of their distances."""
         messages = [_event_message(event, self._boot_id, wall_clock(), self.clips) for event in decision.events]
         messages += self._rule_messages(now_s, wall_clock, decision)
         messages += self._figures.messages(now_s, wall_clock, decision.figures)
@@ -151,7 +151,7 @@ class Reporter:
         )
 
     def repeat(self, wall_clock: str) -> tuple[Message, ...]:
-        """Return what a broker keeps for a while only, for those who may have lost it: the states of targets."""
+        """Return the messages a broker keeps only for a while, for those who may have lost them: states of targets."""
         return tuple(message for reports in self._targets.values() for message in reports.repeat(wall_clock))
 
     def last_messages(self, wall_clock: str) -> tuple[Message, ...]:
@@ -202,7 +202,7 @@ class _TargetReports:
 
 
 def _target_state(track: Track, mark: str) -> dict[str, Any]:
-    """Return what is published of a target: only figures that may be acted on, marked if they are unconfirmed."""
+    """Return the published state of a target: only figures that may be acted on, marked if they are unconfirmed."""
     known = track if track.is_valid else Track(target=track.target)
     figures = ("distance_m", "sigma_m", "closing_mps", "bearing_rad")
     marked = {"mounting": mark} if mark else {}
@@ -210,7 +210,7 @@ def _target_state(track: Track, mark: str) -> dict[str, Any]:
 
 
 def _has_moved(before: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
-    """Whether the difference matters: the target moved, along or across the line of sight, by the deadband."""
+    """Check whether the difference matters: the target moved, along or across the line of sight, by the deadband."""
     if now["distance_m"] is None or before["distance_m"] is None:
         return now["distance_m"] is not before["distance_m"]
     deadband_m = max(DEADBAND_M, DEADBAND_SIGMAS * (now["sigma_m"] or 0.0))
@@ -233,7 +233,7 @@ class _RuleReports:
 
     @property
     def is_held_back(self) -> bool:
-        """Whether the newest state is not published yet."""
+        """True while the newest state is not published yet."""
         return self._newest != self._told
 
     def is_due(
@@ -279,7 +279,7 @@ class _RuleReports:
         return _message(f"rule/{rule}/state", payload, qos=1, retain=True)
 
     def settings(self, rule: str, reasons: Mapping[str, str]) -> list[Message]:
-        """Return what can be set of an alarm, as a message, if that has changed. The same rule is set as before."""
+        """Return the settings of an alarm, as a message, if they have changed. The same rule is set as before."""
         found = reasons.record_of(rule) if isinstance(reasons, Reasons) else None
         if found is None:
             self._set_as = self._settings = None
@@ -294,7 +294,7 @@ class _RuleReports:
 
 
 def _settings(rule: AlarmRule, record: AlarmRecord) -> dict[str, Any]:
-    """Return what is published of what can be set of a rule. Rounded bounds are still taken."""
+    """Return the published settings of a rule. Rounded bounds are still taken."""
     thresholds = {
         key: {
             "value": _rounded(each.value),
@@ -311,7 +311,7 @@ def _settings(rule: AlarmRule, record: AlarmRecord) -> dict[str, Any]:
 
 
 def _rule_state(trace: RuleTrace, severity: Severity | None, *, is_data_lost: bool) -> dict[str, Any]:
-    """Return what is published of a rule when it changes."""
+    """Return the state of a rule that is published when it changes."""
     return {
         "active": active_or_unknown(trace),
         "status": trace.status.value,
@@ -326,12 +326,12 @@ def _rule_state(trace: RuleTrace, severity: Severity | None, *, is_data_lost: bo
 
 
 def _urgent(state: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what is published at once; a target at the edge of sight may become unknown in any frame."""
+    """Return the part that is published at once; a target at the edge of sight may become unknown in any frame."""
     return {**state, "status": "", "active": state["active"] is True}
 
 
 def active_or_unknown(trace: RuleTrace) -> bool | None:
-    """Return whether a rule is active; None also where its policy for a lost target has let it go."""
+    """Check whether a rule is active; None also where its policy for a lost target has let it go."""
     return trace.active or (None if trace.status is RuleStatus.UNKNOWN else trace.active)
 
 
@@ -393,7 +393,7 @@ def _event(topic: str, payload: Mapping[str, object], severity: Severity, at_s: 
 
 
 def is_state(item: Message | Notification) -> bool:
-    """Whether it says how things are, and not what happened: each run says so anew, so no older one is sent again."""
+    """Check if it says how things are, and not what happened: each run says so anew, so no older one is sent again."""
     return isinstance(item, Message) and (
         item.qos == 0 or item.topic.startswith(("camera/", "figure/", "info", "rule/"))
     )

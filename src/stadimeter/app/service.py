@@ -87,12 +87,12 @@ class NotifySocket:
 
 
 def pause_s(failed: int) -> float:
-    """Return how long to wait before devices are opened, after this many starts in a row without lasting pictures."""
+    """Return the time to wait before devices are opened, after this many starts in a row without lasting pictures."""
     return min(2.0 ** (failed - 2), MAX_PAUSE_S) if failed > 1 else 0.0
 
 
 def patience_s(failed: int, *, is_hung: bool) -> float:
-    """Return how long a process may go without a new frame, after this many starts in a row like it."""
+    """Return the time a process may go without a new frame, after this many starts in a row like it."""
     first_s = PATIENCE_IF_HUNG_S if is_hung else PATIENCE_S
     return min(first_s * 2.0 ** min(failed, 30), MAX_PATIENCE_S)
 
@@ -111,7 +111,7 @@ class FailedStarts:
             self._version = configuration.stat().st_mtime_ns
 
     def begin(self) -> int:
-        """Return how many there were before this start, and count this one until `forget` is called."""
+        """Return the number of failed starts before this one, and count this one until `forget` is called."""
         try:
             count, version = map(int, self._path.read_text().split())
         except (OSError, ValueError):
@@ -158,7 +158,7 @@ class CameraWait(Struct):
         return now_s - self._newest_s > patience_s(self.failed, is_hung=is_hung)
 
     def is_proven(self, now_s: float) -> bool:
-        """Return whether there have been pictures for so long that this start was a good one."""
+        """Check whether there have been pictures for so long that this start was a good one."""
         return now_s - self._good_since_s >= PROVEN_S
 
 
@@ -279,7 +279,7 @@ def _measured(decision: Decision) -> Iterator[str]:
 
 
 def is_service(environ: Mapping[str, str] = os.environ) -> bool:
-    """Return whether systemd expects notifications of this process's state."""
+    """Check whether systemd expects notifications of this process's state."""
     return bool(environ.get("NOTIFY_SOCKET"))
 
 
@@ -340,7 +340,7 @@ def without_stop_from_outside(configuration: Configuration) -> list[str]:
 
 
 def held_lines(configuration: Configuration, environ: Mapping[str, str] = os.environ) -> list[str]:
-    """Return what makes every real output safe. Of pins that exist in memory only, there is nothing to hold."""
+    """Return the lines that make all real outputs safe. Of pins that exist in memory only, there is nothing to hold."""
     is_mock = environ.get("GPIOZERO_PIN_FACTORY", "").lower() == "mock"
     lines = [line for each in configuration.driven if not each.is_simulated for line in safe_lines(each)]
     return [line for line in lines if not (is_mock and line.startswith("pin "))]

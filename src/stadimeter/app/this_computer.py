@@ -1,4 +1,4 @@
-"""What keeps a valid configuration from running on this computer, as the user of the service sees it.
+"""The obstacles that keep a valid configuration from running on this computer, as the user of the service sees it.
 
 Root may read every file and open every device, the user of the service may not.
 """

@@ -48,7 +48,7 @@ PROGRAM = f"{watchdog.__path__[0]}/__main__.py"
 
 
 def limit_s(configuration: Configuration) -> float:
-    """Return how old the data may grow on which an output acts, before the process is killed."""
+    """Return the age that the data may reach on which an output acts, before the process is killed."""
     return configuration.plan.safety.watchdog_s or max(configuration.leases_s.values(), default=0.0) + GRACE_S
 
 

@@ -1,4 +1,4 @@
-"""What a run offers beside its cycles: snapshots for terminal and page, and the requests of operators.
+"""The offers of a run beside its cycles: snapshots for terminal and page, and the requests of operators.
 
 While there are viewers in other processes, a thread looks whether the loop has left a new frame, ten times a second at
 most. It makes what is the same for all, such as the JPEG, and wakes those who watch; the thread of each adds the rest
@@ -99,7 +99,7 @@ class _Subscription(Struct, eq=False):
     frame: Frame | None = None
 
     def is_due(self, now_s: float) -> bool:
-        """Return whether it is time for their next snapshot."""
+        """Check whether it is time for their next snapshot."""
         return not self.is_woken and now_s - self.woken_s >= 1 / self.args.rate_hz - 2 * EARLY_S
 
 
@@ -232,7 +232,7 @@ def _origin(frame: Frame) -> Mapping[str, object]:
 
 
 def live_feed(loop: Loop) -> LiveFeed:
-    """Return what there is to see of a run."""
+    """Return the view of a run for those who watch it."""
     parts = loop.parts
     return LiveFeed(parts.clock, loop.history, _surroundings(loop), Board(parts.configuration.path.parent))
 

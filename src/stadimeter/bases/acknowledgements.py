@@ -1,4 +1,4 @@
-"""What a base has answered so far, and what that says of the link to it and of the last stop."""
+"""The answers of a base so far, and what they say of the link to it and of the last stop."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Acknowledgements:
         """Note that the base said something that is no answer: it takes no command for done."""
 
     def stop_is_overdue(self, now_s: float) -> bool:
-        """Return whether a stop shall be sent: one is not acknowledged, or a command is not answered in time."""
+        """Check whether a stop shall be sent: one is not acknowledged, or a command is not answered in time."""
         if not self._unanswered or self.must_be_quiet:
             return False
         if not self._is_stop:
@@ -94,17 +94,17 @@ class Acknowledgements:
 
     @property
     def is_free(self) -> bool:
-        """Whether a command that drives may be sent: all before it were answered."""
+        """True if a command that drives may be sent: all before it were answered."""
         return not self._unanswered
 
     @property
     def must_be_quiet(self) -> bool:
-        """Whether nothing shall be sent, so that the board stops by itself."""
+        """True if nothing shall be sent, so that the board stops by itself."""
         return self._any_byte_feeds and self._unanswered > 1
 
     @property
     def silent_s(self) -> float:
-        """How long the line has been silent although something should have come, or how long not all was answered."""
+        """Time for which the line has been silent although something should have come, or not all was answered."""
         return self._silent_s or 0.0
 
 
@@ -142,5 +142,5 @@ class Unacknowledged(Acknowledgements):
             self._silent_s, self._looked_s = 0.0, now_s
 
     def stop_is_overdue(self, now_s: float) -> bool:
-        """Return whether a stop shall be sent once more."""
+        """Check whether a stop shall be sent once more."""
         return now_s - self._sent_s >= STOP_REPEATED_AFTER_S

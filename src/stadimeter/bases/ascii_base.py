@@ -125,7 +125,7 @@ Scale = Annotated[float, Field(gt=0)]
 
 
 class AsciiAnswers(OptionsTable):
-    """What the base says: regular expressions, each for a whole line. Other lines mean nothing."""
+    """The answers of the base: regular expressions, each for a whole line. Other lines mean nothing."""
 
     identity: Pattern | None = None
     """A line that only this base says, and says once it runs."""
@@ -185,7 +185,7 @@ class AsciiBaseOptions(DutyBaseOptions):
         return AsciiCodec(self)
 
     def stops_by_itself_after_s(self) -> float:
-        """Return what the configuration says."""
+        """Return the time that the configuration says."""
         return self.auto_stop or math.inf
 
 
@@ -233,11 +233,11 @@ class AsciiCodec(SerialCodec):
         return WheelCommand(frame=frame, sent=sent)
 
     def feed(self, data: bytes) -> list[BaseMessage]:
-        """Return what the lines that are complete now mean, oldest first."""
+        """Return the meaning of the lines that are complete now, oldest first."""
         return [message for line in self._lines.feed(data) if (message := self._meaning(line))]
 
     def _meaning(self, line: TextLine) -> BaseMessage | None:
-        """Return what a line means. Numbers behind noise are not trusted: it may have eaten a digit."""
+        """Return the meaning of a line. Numbers behind noise are not trusted: it may have eaten a digit."""
         answers = self._answers
         message = None
         if _fits(answers.done, line.text):

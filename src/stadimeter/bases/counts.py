@@ -1,4 +1,4 @@
-"""What bases count in whole numbers: steps of speed, encoder counts that wrap around, and units of their time-out."""
+"""The whole numbers that bases count: steps of speed, encoder counts that wrap around, and units of their time-out."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class SpeedSteps(Struct, frozen=True, kw_only=True):
 
 
 class EncoderCounter:
-    """How far a wheel has rolled, from a counter that wraps around: less than half of its range between two readings.
+    """The distance a wheel has rolled, from a counter that wraps around: less than half its range between two readings.
 
     Args:
         bits: The width of the counter.
@@ -62,7 +62,7 @@ class EncoderCounter:
         self._counts: int | None = None
 
     def travel_m(self, reading: int) -> float:
-        """Return how far the wheel has rolled in all, backwards negative, after a reading of the counter."""
+        """Return the distance that the wheel has rolled in all, backwards negative, after a reading of the counter."""
         last = reading if self._counts is None else self._counts
         half = self._range // 2
         self._counts = last + (reading - last + half) % self._range - half

@@ -18,7 +18,7 @@ class Motion(Struct, frozen=True, kw_only=True):
 
 
 class WheelSpeeds(Struct, frozen=True, kw_only=True):
-    """How fast both wheels roll, positive forwards."""
+    """The speeds at which both wheels roll, positive forwards."""
 
     left_mps: float
     right_mps: float

@@ -71,11 +71,11 @@ class GpioMotorsOptions(HBridgeOptions):
         return GpioMotorsBase(self, context)
 
     def is_simulated(self) -> bool:
-        """Return whether the pins are emulated ones."""
+        """Check whether the pins are emulated ones."""
         return self.port in driver_names(PORTS)
 
     def lacks(self) -> tuple[str, ...]:
-        """Return what this computer lacks to drive pins."""
+        """List the things this computer lacks to drive pins."""
         if self.is_simulated():
             return ()
         return pins_lack() if self.port == HEADER else (f"port = {self.port!r} names no pins; leave it out",)
@@ -105,7 +105,7 @@ class GpioMotorsBase(HBridgeBase):
 
     @property
     def is_open(self) -> bool:
-        """Whether the pins are taken."""
+        """True while the pins are taken."""
         return bool(self._pins)
 
     def open(self) -> None:

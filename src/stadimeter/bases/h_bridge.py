@@ -51,14 +51,14 @@ class MotorTable(OptionsTable):
         return self
 
     def outputs(self) -> MotorOutputs:
-        """Return how the motor is connected."""
+        """Return the connections of the motor."""
         first = self.direction if self.forward is None else self.forward
         assert first is not None  # noqa: S101 - as checked above
         return MotorOutputs(forward=first, backward=self.backward, pwm=self.pwm)
 
 
 class HBridgeOptions(DriverOptions):
-    """What every base on H-bridges has in its table of the configuration."""
+    """The options that every base on H-bridges has in its table of the configuration."""
 
     track_width: Length = Field(examples=["15 cm"])
     """Distance between the middles of the driven wheels."""
@@ -78,7 +78,7 @@ class HBridgeOptions(DriverOptions):
 
     @property
     def auto_stop_advice(self) -> str:
-        """What to do where nothing stops the motors."""
+        """Advice for the case that nothing stops the motors."""
         return "let the watchdog process make its outputs safe, and put a switch in the supply of the motors"
 
     def stops_by_itself_after_s(self) -> float:
@@ -122,7 +122,7 @@ class HBridgeBase(ABC):
     @property
     @abstractmethod
     def is_open(self) -> bool:
-        """Whether the outputs are taken."""
+        """True while the outputs are taken."""
 
     @abstractmethod
     def _send(self, levels: Mapping[int, int]) -> None:

@@ -58,7 +58,7 @@ class HoverboardOptions(DutyBaseOptions):
         return HoverboardCodec(full_speed_mps=self.full_speed, rpm_mps=rpm_mps)
 
     def stops_by_itself_after_s(self) -> float:
-        """Return what the firmware is said to have."""
+        """Return the time that the firmware is said to have."""
         return self.auto_stop or math.inf
 
 

@@ -51,7 +51,7 @@ MAX_TILT_RAD = math.radians(60)
 
 
 class ServoTravel(Struct, frozen=True, kw_only=True):
-    """How a servo goes by its pulses. Angles are from straight ahead, positive to the left and upwards.
+    """The travel of a servo by its pulses. Angles are from straight ahead, positive to the left and upwards.
 
     Attributes:
         ends_rad: The lowest angle and the highest.
@@ -63,7 +63,7 @@ class ServoTravel(Struct, frozen=True, kw_only=True):
     pulses_s: tuple[float, float]
 
     def wrong(self, names: str, most_rad: float) -> str:
-        """Return what is wrong with its figures, in words; empty for nothing."""
+        """Describe the fault in its figures, in words; empty for none."""
         low_rad, high_rad = self.ends_rad
         if not (0 < -low_rad <= most_rad and 0 < high_rad <= most_rad):
             return f"{names} are angles from straight ahead, above 0 and up to {math.degrees(most_rad):.0f} deg"
@@ -107,7 +107,7 @@ class TiltServoOptions(OptionsTable):
         return self
 
     def travel(self) -> ServoTravel:
-        """Return how it goes."""
+        """Return its travel."""
         return ServoTravel(
             channel=self.channel, ends_rad=(-self.down, self.up), pulses_s=(self.down_pulse, self.up_pulse)
         )
@@ -149,7 +149,7 @@ class PanServoOptions(DriverOptions):
         return self
 
     def travels(self) -> tuple[ServoTravel, ...]:
-        """Return how the servo goes that turns it, and the one that tilts it, if there is one."""
+        """Return the travel of the servo that turns it, and of the one that tilts it, if there is one."""
         pan = ServoTravel(
             channel=self.channel, ends_rad=(-self.right, self.left), pulses_s=(self.right_pulse, self.left_pulse)
         )
@@ -160,11 +160,11 @@ class PanServoOptions(DriverOptions):
         return PanServoBase(self, context)
 
     def is_simulated(self) -> bool:
-        """Return whether the chip is an emulated one."""
+        """Check whether the chip is an emulated one."""
         return self.port in driver_names(PORTS)
 
     def lacks(self) -> tuple[str, ...]:
-        """Return what keeps the bus from being opened."""
+        """List the things that keep the bus from being opened."""
         return () if self.is_simulated() else i2c_lacks(self.port)
 
     def stops_by_itself_after_s(self) -> float:
@@ -259,7 +259,7 @@ class PanServoBase:
             self._write(self._levels(holds=False))
 
     def _turning_radps(self, now_s: float) -> list[float]:
-        """Return how fast it turns now, positive to the left, and tilts, positive upwards."""
+        """Return the speed at which it turns now, positive to the left, and tilts, positive upwards."""
         if self._angles_rad is None or now_s < self._centred_s:
             return [0.0] * len(self._travels)
         each = zip(self._travels, self._angles_rad, self._rates_radps, strict=True)
@@ -279,7 +279,7 @@ class PanServoBase:
         return now_s
 
     def _levels(self, *, holds: bool) -> dict[int, int]:
-        """Return what the channels shall have: the pulses for where it shall point, or none."""
+        """Return the levels that the channels shall have: the pulses for where it shall point, or none."""
         if not holds or self._angles_rad is None:
             return {travel.channel: 0 for travel in self._travels}
         each = zip(self._travels, self._angles_rad, strict=True)

@@ -115,11 +115,11 @@ class Pca9685Options(HBridgeOptions):
         return Pca9685Base(self, context)
 
     def is_simulated(self) -> bool:
-        """Return whether the chip is an emulated one."""
+        """Check whether the chip is an emulated one."""
         return self.port in driver_names(PORTS)
 
     def lacks(self) -> tuple[str, ...]:
-        """Return what keeps the bus from being opened."""
+        """List the things that keep the bus from being opened."""
         return () if self.is_simulated() else i2c_lacks(self.port)
 
     def i2c_stop(self) -> I2cStop | None:
@@ -137,7 +137,7 @@ class Pca9685Base(HBridgeBase):
 
     @property
     def is_open(self) -> bool:
-        """Whether the bus is taken."""
+        """True while the bus is taken."""
         return self._chip.is_open
 
     def open(self) -> None:

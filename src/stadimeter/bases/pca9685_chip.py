@@ -61,7 +61,7 @@ class Pca9685:
 
     @property
     def is_open(self) -> bool:
-        """Whether the bus is taken."""
+        """True while the bus is taken."""
         return self._link is not None
 
     def open(self) -> Any:

@@ -50,7 +50,7 @@ class MobileBase(Protocol):
         """
 
     def report(self) -> BaseReport | None:
-        """Return what the base reported last, as read by `tick` or `apply`; None if it reports nothing. Never waits."""
+        """Return the last report of the base, as read by `tick` or `apply`; None if it reports nothing. Never waits."""
 
     def stop(self) -> None:
         """Stand still at once. Does nothing when closed.
@@ -79,7 +79,7 @@ class ShowsTargets(Protocol):
 
 
 class MotorOutputs(Struct, frozen=True, kw_only=True):
-    """How a motor driver (H-bridge) for one motor is connected: to pins by their BCM number, or to channels of a chip.
+    """The wiring of a motor driver (H-bridge) for one motor: to pins by their BCM number, or to channels of a chip.
 
     With two inputs, one for each direction, both high brake and both low coast. With `pwm` beside them they only
     choose the direction. With one input for the direction, the board decides what standing still is.

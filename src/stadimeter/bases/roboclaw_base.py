@@ -132,7 +132,7 @@ class RoboclawCodec(SerialCodec):
         return messages
 
     def _answer_size(self, code: int) -> int | None:
-        """Return how many bytes at the beginning are the answer; 0 if they cannot be, None if more must come."""
+        """Return the number of first bytes that are the answer; 0 if they cannot be, None if more must come."""
         sizes = _ANSWER_BYTES.get(code)
         if sizes is None:
             return int(self._buffer[0] == _DONE)

@@ -83,7 +83,7 @@ class RoombaCodec(SerialCodec):
         return WheelCommand(frame=self._drive(left, right), sent=self.steps.speeds(left, right))
 
     def feed(self, data: bytes) -> list[BaseMessage]:
-        """Return what the complete frames of the stream say, oldest first."""
+        """Return the messages in the complete frames of the stream, oldest first."""
         self._buffer += data
         messages = []
         while (packets := self._next_frame()) is not None:
@@ -145,7 +145,7 @@ class RoombaCodec(SerialCodec):
 
 
 def _frame_size(buffer: bytearray) -> int | None:
-    """Return how long the frame is that may begin here; 0 if none can, None if more must come."""
+    """Return the length of the frame that may begin here; 0 if none can, None if more must come."""
     if buffer[0] != _HEADER:
         return 0
     if len(buffer) < 2:
@@ -154,7 +154,7 @@ def _frame_size(buffer: bytearray) -> int | None:
 
 
 def _packets(frame: bytes) -> dict[int, int] | None:
-    """Return what a frame holds; None if its checksum is wrong, or if it is not made of known packets."""
+    """Return the packets of a frame; None if its checksum is wrong, or if it is not made of known packets."""
     if sum(frame) & 0xFF:
         return None
     packets, data = {}, frame[2:-1]
@@ -174,7 +174,7 @@ def _overcurrents(bits: int | None) -> tuple[str, ...] | None:
 
 
 class _Model(Struct, frozen=True, kw_only=True):
-    """What differs between models."""
+    """The differences between models."""
 
     baud: int
     track_width: str

@@ -1,4 +1,4 @@
-"""What robots that run ROS 2 have in common: their options, and the driver around a link to them.
+"""The parts that robots that run ROS 2 have in common: their options, and the driver around a link to them.
 
 No ROS is installed here. Speeds go to the robot's ``cmd_vel`` through a bridge that runs beside its ROS: one file each
 for rosbridge and for Zenoh.
@@ -121,7 +121,7 @@ class Ros2BaseOptions(DriverOptions):
         return tuple(filter(None, (missing(self.extra),)))
 
     def stops_by_itself_after_s(self) -> float:
-        """Return what the controller is said to have; infinity for 0, which stands for none."""
+        """Return the time that the controller is said to have; infinity for 0, which stands for none."""
         return self.auto_stop or math.inf
 
 

@@ -35,7 +35,7 @@ _ANY_ANGLE_RAD2 = math.pi**2 / 3
 
 
 class TargetPose(Struct, frozen=True, kw_only=True):
-    """Where a target is, as ROS has it. Its orientation is not known.
+    """The place of a target, as ROS has it. Its orientation is not known.
 
     Attributes:
         at_s: When its frame was taken, in seconds since 1970.

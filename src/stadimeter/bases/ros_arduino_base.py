@@ -80,7 +80,7 @@ class RosArduinoOptions(SerialBaseOptions):
         return RosArduinoCodec(ticks_per_metre=self.ticks_per_turn / (math.pi * self.wheel_diameter))
 
     def stops_by_itself_after_s(self) -> float:
-        """Return what the sketch is said to have."""
+        """Return the time that the sketch is said to have."""
         return self.auto_stop or math.inf
 
 

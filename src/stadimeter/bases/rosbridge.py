@@ -167,7 +167,7 @@ class RosbridgeLink:
             )
 
     def _ask(self, service: str) -> dict[str, Any] | None:
-        """Return what rosapi answers; None if it refuses, or does not run."""
+        """Return the answer of rosapi; None if it refuses, or does not run."""
         self._say(
             {"op": "call_service", "id": service, "service": f"/rosapi/{service}", "args": {"topic": self._topic}}
         )

@@ -1,4 +1,4 @@
-"""What every base on a serial port has in common: its options, and the driver around its codec.
+"""The parts that every base on a serial port has in common: its options, and the driver around its codec.
 
 A base is one file with two classes: its options, derived from `SerialBaseOptions`, and its protocol, a
 `stadimeter.bases.serial_codec.SerialCodec`. Opening the port, waiting for the base, limits, signs and order of the
@@ -97,7 +97,7 @@ class SerialBaseOptions(DriverOptions):
         raise NotImplementedError(f"{type(self).__name__} has no method `codec`")
 
     def stops_by_itself_after_s(self) -> float:
-        """Return how long the base drives on when nothing comes, in seconds; infinity for a base that never stops."""
+        """Return the time the base drives on when nothing comes, in seconds; infinity for a base that never stops."""
         raise NotImplementedError(f"{type(self).__name__} does not say whether its base stops by itself")
 
     def kinematics(self) -> DifferentialDrive:
@@ -109,11 +109,11 @@ class SerialBaseOptions(DriverOptions):
         return SerialBase(self, context)
 
     def is_simulated(self) -> bool:
-        """Return whether the port is an emulated one."""
+        """Check whether the port is an emulated one."""
         return self.port in driver_names(PORTS)
 
     def lacks(self) -> tuple[str, ...]:
-        """Return what keeps the port from being opened."""
+        """List the things that keep the port from being opened."""
         return () if self.is_simulated() else port_lacks(self.port)
 
     def serial_stop(self) -> SerialStop | None:
@@ -124,12 +124,12 @@ class SerialBaseOptions(DriverOptions):
         return SerialStop(port=self.port, baud=self.baud, frame=codec.ends_cut_frame + codec.stop)
 
     def to_motors(self, left: float, right: float) -> tuple[float, float]:
-        """Return what the base's left and right motor shall do, as they are wired, for what the wheels shall do."""
+        """Return the motion of the base's left and right motor, as they are wired, for what the wheels shall do."""
         left, right = self._signed(left, right)
         return (right, left) if self.swap_sides else (left, right)
 
     def to_wheels(self, left: float, right: float) -> tuple[float, float]:
-        """Return what the left and right wheel do, for what the base's motors do."""
+        """Return the motion of the left and right wheel, for what the base's motors do."""
         return self._signed(*((right, left) if self.swap_sides else (left, right)))
 
     def _signed(self, left: float, right: float) -> tuple[float, float]:
@@ -233,7 +233,7 @@ class SerialBase:
             self._poll(link, now_s)
 
     def report(self) -> BaseReport | None:
-        """Return what the base reported last; None if it has reported nothing."""
+        """Return the last report of the base; None if it has reported nothing."""
         return self._report
 
     def stop(self) -> None:
@@ -322,7 +322,7 @@ class SerialBase:
         self._left_s = max(self._left_s, self._clock.now_s()) + len(frame) * BITS_A_BYTE / self._options.baud
 
     def _is_free(self, link: SerialLink, now_s: float) -> bool:
-        """Return whether nothing that was sent is still on its way, as far as that shows here."""
+        """Check whether nothing that was sent is still on its way, as far as that shows here."""
         return self._awaited.is_free and now_s >= self._left_s and not link.waiting()
 
     def _poll(self, link: SerialLink, now_s: float) -> None:
@@ -360,7 +360,7 @@ class SerialBase:
             self._report = replace(self._report or BaseReport(at_s=now_s), at_s=now_s, **known)
 
     def _rolled(self, message: BaseMessage, now_s: float) -> tuple[float, float] | None:
-        """Return how far the base's motors have rolled since it was opened, if the message is about that."""
+        """Return the distances that the base's motors have rolled since it was opened, if the message is about that."""
         if message.left_m is not None and message.right_m is not None:
             start_left_m, start_right_m = self._start_m = self._start_m or (message.left_m, message.right_m)
             return (message.left_m - start_left_m, message.right_m - start_right_m)

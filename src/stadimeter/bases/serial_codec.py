@@ -1,4 +1,4 @@
-"""What the driver of a base on a serial port must know of its protocol. No port is touched here."""
+"""The facts that the driver of a base on a serial port must know of its protocol. No port is touched here."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stadimeter.bases.differential_drive import WheelSpeeds
 
 
 class Answers(Enum):
-    """What a base sends."""
+    """The kinds of answers that a base sends."""
 
     EACH_COMMAND = "an acknowledgement of each command, in order"
     STREAM = "reports, all the time, and no acknowledgements"
@@ -27,7 +27,7 @@ class WheelCommand(Struct, frozen=True, kw_only=True):
 
 
 class BaseMessage(Struct, frozen=True, kw_only=True):
-    """What one frame, line or answer of a base says. None stands for what it does not speak of.
+    """The content of one frame, line or answer of a base. None stands for what it does not speak of.
 
     Attributes:
         is_identity: Whether only a base of this protocol says that, and says it once it runs.
@@ -101,7 +101,7 @@ class SerialCodec(ABC):
 
     @abstractmethod
     def feed(self, data: bytes) -> list[BaseMessage]:
-        """Return what is complete now, oldest first, however the bytes are split and whatever noise is between."""
+        """Return the messages complete now, oldest first, however the bytes are split and whatever noise is between."""
 
     def note_sent(self, frame: bytes) -> None:  # noqa: B027 -- most protocols need not know
         """Take in that a frame was sent, where an answer means nothing without its question."""

@@ -90,7 +90,7 @@ class Greeting(Struct, kw_only=True):
             pass
 
     def _is_awake(self) -> bool:
-        """Return whether a base that has shown what it is will drive; wait for that while it is woken.
+        """Check whether a base that has shown what it is will drive; wait for that while it is woken.
 
         It may have shown it by late reports from before, of a former connection too; what follows says that it does not
         drive, until it does. If it does not, what woke it was lost, and it must be woken again.

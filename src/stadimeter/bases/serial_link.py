@@ -72,7 +72,7 @@ class SerialLink:
                 )
 
     def read(self) -> bytes:
-        """Return what has arrived, which may be nothing; never waits. Raises `LinkLostError` if the port is gone."""
+        """Read the bytes that have arrived, if any; never waits. Raises `LinkLostError` if the port is gone."""
         port = self._opened()
         try:
             return port.read(_MAX_BYTES_PER_READ)
@@ -110,7 +110,7 @@ class SerialLink:
             raise self._lost(error) from error
 
     def waiting(self) -> int:
-        """Return how many bytes have not left the port."""
+        """Return the number of bytes that have not left the port."""
         port = self._opened()
         try:
             return port.out_waiting

@@ -69,7 +69,7 @@ class WaveshareUgvOptions(SerialBaseOptions):
         return WaveshareUgvCodec(self.auto_stop)
 
     def stops_by_itself_after_s(self) -> float:
-        """Return what opening sets."""
+        """Return the time that opening sets."""
         return self.auto_stop
 
 

@@ -84,7 +84,7 @@ class ArrivalPace:
 
     @property
     def is_known(self) -> bool:
-        """Whether enough pictures have come to know the usual period."""
+        """True if enough pictures have come to know the usual period."""
         return sum(pictures for _, pictures in self._usual) >= PICTURES_NEEDED
 
     def restart(self) -> None:
@@ -92,7 +92,7 @@ class ArrivalPace:
         self._is_reopened = True
 
     def waited(self, arrived_at_s: float, pictures: int = 1) -> bool:
-        """Return whether a picture may have waited; `pictures` came since the one before, this one included."""
+        """Check whether a picture may have waited; `pictures` came since the one before, this one included."""
         last_s, self._last_at_s = self._last_at_s, arrived_at_s
         if math.isnan(last_s):
             return False

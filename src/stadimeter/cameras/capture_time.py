@@ -160,7 +160,7 @@ class _Lag:
 
     @property
     def is_proven(self) -> bool:
-        """Whether the stamps were sound for so long that the sender has a clock."""
+        """True if the stamps were sound for so long that the sender has a clock."""
         return self._good_in_a_row >= PROVEN
 
     def lag_s(self, arrived_at_s: float, stamp_s: float) -> float | None:
@@ -244,7 +244,7 @@ class DriverStamp:
 
     @property
     def is_trusted(self) -> bool:
-        """Whether capture times are the driver's stamps at present."""
+        """True while capture times are the driver's stamps."""
         return self._good_in_a_row >= GOOD_STAMPS_NEEDED
 
     def restart(self) -> None:

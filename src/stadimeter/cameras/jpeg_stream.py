@@ -82,7 +82,7 @@ class JpegStream:
 
 
 def _steps(image: Image, height_px: int, width_px: int) -> NDArray[np.float64]:
-    """Return how much brighter the upper side of each block is than the lower side of the block above it.
+    """Return the steps by which the upper side of each block is brighter than the lower side of the block above it.
 
     One row for each block, in the order of their coding, by colour. A slope that goes on is no step.
     """

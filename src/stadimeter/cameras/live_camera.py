@@ -1,4 +1,4 @@
-"""What the drivers of live cameras share: one thread at a time in the vendor's code, and a `close` that returns."""
+"""The parts that live camera drivers share: one thread at a time in the vendor's code, and a `close` that returns."""
 
 from __future__ import annotations
 

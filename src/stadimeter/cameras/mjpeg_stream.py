@@ -71,7 +71,7 @@ class Multipart:
 
     @property
     def has_begun(self) -> bool:
-        """Whether bytes of the picture after the last part are here. Its header lines alone are not: many send them."""
+        """True if bytes of the picture after the last part are here. Its header lines alone are not: many send them."""
         return self._body_at is not None and len(self._data) > self._body_at
 
     def feed(self, data: bytes) -> None:
@@ -180,7 +180,7 @@ class MjpegStream:
         self._received = 0
 
     def isOpened(self) -> bool:  # noqa: N802 - OpenCV's name and meaning
-        """Return whether pictures may come."""
+        """Check whether pictures may come."""
         return not self._body.response.isclosed()
 
     def grab(self) -> bool:
@@ -276,7 +276,7 @@ class _Pauses:
             self._first_bytes, self._is_awaited = size_bytes, read_s - looked_s > WAITED_S
 
     def end_picture(self, size_bytes: int, now_s: float) -> bool | None:
-        """Return whether a picture, which is whole, began without a pause; None if that does not show.
+        """Check whether a picture, which is whole, began without a pause; None if that does not show.
 
         It does not where most of it was here before the reader looked.
         """
@@ -341,7 +341,7 @@ def _stream_of(response: http.client.HTTPResponse, read_timeout_s: float, seen: 
 
 
 def _opener(address: str) -> urllib.request.OpenerDirector:
-    """Return what asks for an address: HTTP only, without proxies, so that no redirection reads a file."""
+    """Return the opener that asks for an address: HTTP only, without proxies, so that no redirection reads a file."""
     passwords = urllib.request.HTTPPasswordMgrWithDefaultRealm()
     parts = urlsplit(address)
     if parts.username is not None:
@@ -414,7 +414,7 @@ class _Chunks:
         self._left = 0
 
     def without_sizes(self, data: bytes) -> bytes:
-        """Return what the next bytes carry, or raise a `LinkLostError` if they are not chunked as they should be."""
+        """Return the data in the next bytes, or raise a `LinkLostError` if they are not chunked as they should be."""
         data, self._rest = self._rest + data, b""
         found: list[bytes] = []
         while data:

@@ -63,7 +63,7 @@ class OpenCvOptions(OpenCvSettings):
         return attached_devices()
 
     def lacks(self) -> tuple[str, ...]:
-        """Return what keeps a device from being opened, as far as that shows without opening it."""
+        """List the things that keep a device from being opened, as far as that shows without opening it."""
         if self.device_file is not None or self.is_stream:
             return ()
         trouble = _why_not_ours(self.source(), self.name)
@@ -158,7 +158,7 @@ class OpenCvCamera(LiveCamera):
         return self._next_picture(self._capture, self._options.read_timeout)
 
     def _why_not_for_motion(self) -> str:
-        """Return whether it is a stream of unknown age, or one that loses packets."""
+        """Say whether it is a stream of unknown age, or one that loses packets."""
         return next(iter(self._options.refuse_motion().values()), "")
 
     def _opened_device(self) -> CaptureLike:
@@ -239,7 +239,7 @@ class OpenCvCamera(LiveCamera):
         return captured_at_s if self._stamp.is_trusted or not waited else None
 
     def _pictures(self, capture: CaptureLike) -> int:
-        """Return how many frames have come since the last one that was grabbed."""
+        """Return the number of frames that have come since the last one that was grabbed."""
         before, self._position = self._position, capture.get(cv2.CAP_PROP_POS_FRAMES)
         return max(1, round(self._position - before))
 

@@ -1,4 +1,4 @@
-"""How the options of a camera that OpenCV reads are applied to a Video4Linux device."""
+"""The way the options of a camera that OpenCV reads are applied to a Video4Linux device."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class OpenCvSettings(DriverOptions):
 
     @property
     def is_stream(self) -> bool:
-        """Whether the device is the address of a stream."""
+        """True if the device is the address of a stream."""
         return self.device_file is not None or (isinstance(self.device, str) and "://" in self.device)
 
     @property
@@ -146,7 +146,7 @@ _SUBSAMPLINGS: dict[str, Subsampling] = {
 
 
 def subsampling_of(options: OpenCvSettings) -> Subsampling:
-    """Return how coarsely a camera's colour is stored, by its pixel format. MJPEG, video and all others: 4:2:0."""
+    """Return the subsampling of a camera's colour, by its pixel format. MJPEG, video and all others: 4:2:0."""
     return "4:2:0" if options.is_stream else _SUBSAMPLINGS.get(options.fourcc.upper(), "4:2:0")
 
 

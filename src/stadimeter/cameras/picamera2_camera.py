@@ -87,7 +87,7 @@ class SensorNetwork:
         self._size_px = np.array((options.width_px, options.height_px))
 
     def find(self, metadata: Metadata) -> SensorBoxes | None:
-        """Return what it has found in a frame; None if it has not ended with one.
+        """Return the boxes it has found in a frame; None if it has not ended with one.
 
         Raises:
             LinkLostError: The network gives something else than boxes.
@@ -118,7 +118,7 @@ DEVICES = ("/dev/media*", "/dev/video*")
 
 
 class Package(Struct, frozen=True, kw_only=True):
-    """What is used of the packages picamera2 and libcamera."""
+    """The parts of the packages picamera2 and libcamera that are used."""
 
     Picamera2: Any  # the class of cameras
     MappedArray: Any  # shows the buffer of a request as an array, without a copy
@@ -171,7 +171,7 @@ def _is_too_old() -> bool:
 
 
 def why(error: BaseException) -> str:
-    """Return what happened, in one line. Picamera2 hides the cause behind one sentence for everything."""
+    """Explain what happened, in one line. Picamera2 hides the cause behind one sentence for everything."""
     root: BaseException = error
     while (before := root.__cause__ or root.__context__) and not isinstance(before, StadimeterError):
         root = before

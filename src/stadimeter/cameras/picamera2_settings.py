@@ -229,7 +229,7 @@ def optics_of(
     set_to: Mapping[str, Any],
     found: Metadata,
 ) -> Optics | None:
-    """Return what of the settings changes the focal length in pixels; None if the camera does not say its crop.
+    """Return the settings that change the focal length in pixels; None if the camera does not say its crop.
 
     The lens counts as standing where it was sent: it has no sensor of its own.
 
@@ -281,5 +281,5 @@ def differences(options: Picamera2Settings, set_to: Mapping[str, Any], found: Me
 
 
 def _is_off(wanted: float | None, found: float | None, share: float, least: float = 0.0) -> bool:
-    """Return whether a value is known and off by more than a share of it."""
+    """Check whether a value is known and off by more than a share of it."""
     return wanted is not None and found is not None and abs(found - wanted) > max(share * abs(wanted), least)

@@ -94,7 +94,7 @@ def _bytes_of(path: Path) -> bytes:
 
 
 def subsampling_of(data: bytes) -> Subsampling:
-    """Return how coarsely a picture file stores colour, from its first bytes up to its pixels.
+    """Find how coarsely a picture file stores colour, from its first bytes up to its pixels.
 
     A JPEG says it in its frame header (ITU-T T.81, B.2.2): how many samples of each component a block has, brightness
     first. Lossy WebP is always 4:2:0. All other kinds store every pixel.

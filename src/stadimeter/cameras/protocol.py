@@ -63,7 +63,7 @@ class Camera(Protocol):
 
     @property
     def is_live(self) -> bool:
-        """Whether frames come at their own pace and old ones are worthless.
+        """True if frames come at their own pace and old ones are worthless.
 
         True for hardware and streams: frames that were not fetched in time are passed over. False for recordings and
         simulations: every frame counts, and the loop reads them in its own thread.
@@ -75,7 +75,7 @@ class Camera(Protocol):
 
     @property
     def not_for_motion(self) -> str:
-        """Why nothing may move on its frames, in a sentence that says what to write into the configuration.
+        """The reason why nothing may move on its frames, in a sentence that says what to write into the configuration.
 
         Empty if something may, as for a device that knows when it captured a frame. Not empty for frames of unknown
         age, and for pictures in which old parts may look new. It may be asked for at any time, also before `open`.
@@ -118,7 +118,7 @@ class ShowsOwnMotion(Protocol):
 
     @property
     def shows_own_motion(self) -> bool:
-        """Whether they do. A live camera is taken to show it."""
+        """True if they do. A live camera is taken to show it."""
 
 
 @runtime_checkable

@@ -71,7 +71,7 @@ Ioctl = Callable[[int, int, bytearray], int]
 
 
 class NodeAnswer(Struct, frozen=True, kw_only=True):
-    """What a node says of itself.
+    """The answer of a node about itself.
 
     Attributes:
         gives_pictures: Whether it is a camera that OpenCV can read, not one of its other nodes, such as for metadata.
@@ -83,7 +83,7 @@ class NodeAnswer(Struct, frozen=True, kw_only=True):
 
 
 def ask_node(path: Path, ioctl: Ioctl = fcntl.ioctl) -> NodeAnswer:
-    """Return what a node says of itself. It may be in use meanwhile.
+    """Ask a node about itself. It may be in use meanwhile.
 
     Raises:
         OSError: It is absent, this user may not open it, or it is no Video4Linux node.
@@ -99,7 +99,7 @@ def ask_node(path: Path, ioctl: Ioctl = fcntl.ioctl) -> NodeAnswer:
 
 
 def is_in_use(path: Path, ioctl: Ioctl = fcntl.ioctl) -> bool:
-    """Return whether another program takes pictures with a node, as far as the system shows it.
+    """Check whether another program takes pictures with a node, as far as the system shows it.
 
     To give back no buffers changes nothing, but the kernel allows it only to the program that took the device.
     """

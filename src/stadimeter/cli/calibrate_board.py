@@ -113,7 +113,7 @@ def board(
 
 
 def _from_pictures(pictures: Sequence[Path], wanted: Board) -> tuple[BoardCalibration, bool]:
-    """Return what pictures give, and whether all of them were used."""
+    """Return the calibration that pictures give, and whether all of them were used."""
     for note in check_lens_settings(pictures):
         say_note(note)
     found = find_boards(
@@ -129,7 +129,7 @@ def _from_pictures(pictures: Sequence[Path], wanted: Board) -> tuple[BoardCalibr
 
 
 def _from_camera(live: str, wanted: Board) -> tuple[BoardCalibration, bool]:
-    """Return what the views of a camera give; views that fit badly are part of the game."""
+    """Return the calibration that the views of a camera give; views that fit badly are part of the game."""
     session = views_from_camera(live, wanted)
     if not session.views:
         _never_found("the camera saw no view of the board")

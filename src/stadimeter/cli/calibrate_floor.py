@@ -61,7 +61,7 @@ def floor(
 
 
 def _look(path: Path, detector: Detector, shape: SheetShape | TagShape, model: CameraModel) -> CameraAboveFloor | None:
-    """Return what one picture says, or say on standard error why it cannot be used."""
+    """Return the result of one picture, or say on standard error why it cannot be used."""
     frame = open_picture(path)
     lens = model.for_frame(frame)
     found = detector.detect(frame, lens=lens)

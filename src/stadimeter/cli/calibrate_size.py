@@ -147,7 +147,7 @@ def _with_assumed_size(given: GivenTarget) -> GivenTarget:
 
 
 def _from_files(pictures: Sequence[str], session: SizeSession) -> tuple[list[StepView], bool]:
-    """Return how the target is seen in picture files, and whether it was found in all of them."""
+    """Return the views of the target in picture files, and whether it was found in all of them."""
     taken = [_split(each, is_first=index == 0) for index, each in enumerate(pictures)]
     paths = [path for path, _ in taken]
     refuse_twice(paths)

@@ -141,7 +141,7 @@ def _print_json(examined: Examined) -> list[Diagnosis]:
 
 
 def _private(examined: Examined) -> re.Pattern[str]:
-    """Return what a report of an error need not name: addresses, computers, users and their folders."""
+    """Return a pattern of what a report of an error need not name: addresses, computers, users and their folders."""
     configuration = examined.configured.configuration
     messenger = configuration and configuration.messenger
     of_broker = [getattr(messenger.options, key, None) for key in ("host", "username")] if messenger else []

@@ -58,7 +58,7 @@ def plain_errors() -> Iterator[None]:
 
 
 def _replace_error(error: BaseException) -> Exception | None:
-    """Return what ends the command instead of an uncaught error; None if that error does."""
+    """Return the exception that ends the command instead of an uncaught error; None if that error does."""
     if isinstance(error, SystemExit):  # nothing of ours ends that way, and the program would end without a word
         return RuntimeError(f"a driver or library asked for the end of the program: {error!r}")
     if _is_out_of_memory(error):
@@ -95,7 +95,7 @@ def _give_output_up() -> None:
 
 
 def _is_reader_gone() -> bool:
-    """Return whether the reader of our output has ended, such as `head`, or the terminal is gone."""
+    """Check whether the reader of our output has ended, such as `head`, or the terminal is gone."""
     poll = select.poll()
     for stream in (sys.stdout, sys.stderr):
         with suppress(AttributeError, OSError, ValueError):  # closed, or none that the system knows
@@ -104,7 +104,7 @@ def _is_reader_gone() -> bool:
 
 
 def _is_out_of_memory(error: BaseException) -> bool:
-    """Return whether that is it: Python, the system, OpenCV and threads each say it in a way of their own."""
+    """Check whether that is it: Python, the system, OpenCV and threads each say it in a way of their own."""
     if isinstance(error, OSError) and error.errno == errno.ENOMEM:
         return True
     is_cv = getattr(error, "code", None) == CV_NO_MEMORY

@@ -146,7 +146,7 @@ class FleetConnection:
 
 
 class _Answer(msgspec.Struct, frozen=True):
-    """What a device answers to a request."""
+    """The answer of a device to a request."""
 
     status: str
     transaction: str

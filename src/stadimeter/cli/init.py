@@ -257,7 +257,7 @@ def _tell_notes(console: Console, accepted: Accepted) -> None:
 
 
 def _prompt(console: Console, text: str, ready: str) -> str:
-    """Return what the person types, or the ready answer; asks again for an empty line where there is none."""
+    """Return the line that the person types, or the ready answer; asks again for an empty line where there is none."""
     prompt = Text.assemble(f"{text} " if text else "", (f"[{ready}]" if ready else "", "cyan"), "> ")
     while True:
         typed = console.input(prompt, markup=False).strip()

@@ -36,7 +36,7 @@ class Keyboard:
 
     @property
     def is_there(self) -> bool:
-        """Whether keys can be pressed."""
+        """True if keys can be pressed."""
         return self._is_taken
 
     def __enter__(self) -> Self:
@@ -117,7 +117,7 @@ class Key(Struct, frozen=True, kw_only=True):
 
     @property
     def words(self) -> str:
-        """What it would do now."""
+        """The words for what it would do now."""
         return self.undoes if self.undoes and self.is_on() else self.does
 
 

@@ -209,7 +209,7 @@ def _rest(shown: Shown, record: CycleRecord, width: int, height: int) -> _Rest:
 def _share_rows(
     shown: Shown, record: CycleRecord, width: int, height: int, rest: _Rest, *, is_wide: bool
 ) -> Counter[str]:
-    """Return how many rows each section gets; targets get none where they stand beside the others."""
+    """Return the number of rows each section gets; targets get none where they stand beside the others."""
     tracks = record.decision.tracks
     targets, rules, outputs = len(tracks), len(rest.rules), len(rest.outputs)
     figures = sum(figure_rows(shown, track, width) for track in tracks)  # of all targets, without their charts
@@ -260,7 +260,7 @@ def _target_lines(shown: Shown, record: CycleRecord, width: int, rows: int) -> l
 
 
 def _lay_out(rest: _Rest, rows: Counter[str], width: int) -> list[Text]:
-    """Return what fits into the rows, under headings if there is room for these."""
+    """Return the lines that fit into the rows, under headings if there is room for these."""
     sections = {
         "rules": _fit_blocks(rest.rules, rows["rules"], width),
         "outputs": _fit_blocks(rest.outputs, rows["outputs"], width),

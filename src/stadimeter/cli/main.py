@@ -220,7 +220,7 @@ PLAIN_ERRORS = "stadimeter.plain"
 
 
 def plain(character: str) -> str:
-    """Return what stands for a character in ASCII; its number for a letter, which may be part of a file's name."""
+    """Return the ASCII text for a character; its number for a letter, which may be part of a file's name."""
     if character.isascii():
         return character
     if character in PLAIN:

@@ -263,7 +263,7 @@ DRAWN_MAX = 3
 
 
 def marks_of(result: PictureResult, unit: LengthUnit, *, explain: bool = False) -> tuple[Mark, ...]:
-    """Return what to draw into the copy of a picture; with ``explain``, also edge points and the best of the rest."""
+    """Return the marks for the copy of a picture; with ``explain``, also edge points and the best of the rest."""
     marks = (_mark(each, unit) for each in result.targets)
     if not explain:
         return tuple(marks)

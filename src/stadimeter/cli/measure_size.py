@@ -92,7 +92,7 @@ def measure_boxes(
 
 
 def target_size(result: TargetResult, at: tuple[float, float]) -> SizeAt | None:
-    """Return how large a target is that was measured by its size; None for one that was not."""
+    """Return the size of a target that was measured by its size; None for one that was not."""
     seen, found = result.seen, result.detection
     if seen is None or found is None or result.parts is None:
         return None

@@ -311,7 +311,7 @@ def _place(config: Path | None, socket: Path | None) -> Path:
 
 
 def _is_file_changed(instance: Instance) -> bool:
-    """Return whether the file is another one than the instance goes by; not if that cannot be seen from here."""
+    """Check whether the file is another one than the instance goes by; not if that cannot be seen from here."""
     try:
         text = read_untrusted_text(instance.configuration, CONFIGURATION_MAX_BYTES)
     except UnreadableError:
@@ -327,7 +327,7 @@ def _in_words(instance: Instance, *, is_changed: bool) -> str:
 
 
 def who(by: str | None) -> str:
-    """Return who asks: as given, or the login name, below ``sudo`` that of the person."""
+    """Name the person who asks: as given, or the login name, below ``sudo`` that of the person."""
     if by is not None:
         return by
     try:

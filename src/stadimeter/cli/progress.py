@@ -59,7 +59,7 @@ def count_items(items: Iterable[_T], doing: str, total: int) -> Iterator[_T]:
 
 
 def goes_to_file(stream: TextIO) -> bool:
-    """Return whether what is written there goes to a file, and to no terminal, not even by a pipe."""
+    """Check whether what is written there goes to a file, and to no terminal, not even by a pipe."""
     try:
         return stat.S_ISREG(os.fstat(stream.fileno()).st_mode)
     except (OSError, ValueError):  # closed, or in memory

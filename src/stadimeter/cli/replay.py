@@ -234,7 +234,7 @@ def again_lines(targets: Iterable[MeasuredAgain]) -> Iterator[str]:
 
 
 def diff_lines(diff: ReplayDiff) -> Iterator[str]:
-    """Return what other rules change, in lines."""
+    """Describe what other rules change, in lines."""
     for change in diff.changes[:SHOWN_CHANGES]:
         yield _change_line(change)
     if len(diff.changes) > SHOWN_CHANGES:

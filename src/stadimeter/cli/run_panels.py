@@ -105,7 +105,7 @@ def header_lines(shown: Shown, width: int) -> list[Text]:
 
 
 def narration_lines(shown: Shown, width: int) -> list[Text]:
-    """Return what happens in a simulated world."""
+    """Describe what happens in a simulated world."""
     words = shown.words(shown.snapshot.narration)
     return hang(Text(" "), Text(words, "bold bright_cyan"), width) if words else []
 
@@ -122,7 +122,7 @@ def footer_line(shown: Shown, width: int) -> Text:
 
 
 def explanation_lines(shown: Shown, width: int) -> list[Text]:
-    """Return what the keys do and what the screen shows, in place of it."""
+    """Explain what the keys do and what the screen shows, in place of it."""
     keys = [(key.name, f"{key.does}; again: {key.undoes}" if key.undoes else key.does) for key in shown.keys or ()]
     states = "  ".join(f"{dot} {status.value}" for dot, status in zip(DOTS, RuleStatus, strict=True))
     rows = [*keys, ("Ctrl-C", "stop every output at once, and quit"), *SCREEN, ("states", states)]
@@ -162,7 +162,7 @@ def _block(width: int, figures: Text, words: Text, *, is_quiet: bool) -> Block:
 
 
 def rule_blocks(shown: Shown, record: CycleRecord, width: int) -> list[Block]:
-    """Return what each rule does, and why."""
+    """Describe what each rule does, and why."""
     decision = record.decision
     drives = [_drives(trace, decision.outputs) for trace in decision.rules]
     names_width = _column([trace.rule for trace in decision.rules])
@@ -200,7 +200,7 @@ def _drives(trace: RuleTrace, outputs: Sequence[OutputTrace]) -> tuple[str, str]
 
 
 def output_blocks(shown: Shown, record: CycleRecord, width: int) -> list[Block]:
-    """Return what each output does, and who commands it. The reason of a rule stands beside that rule."""
+    """Describe what each output does, and who commands it. The reason of a rule stands beside that rule."""
     done_by = {command.output: command for command in record.applied}
     faults = {fault.output: fault.reason for fault in record.observation.output_faults}
     traces = {trace.output: trace for trace in record.decision.outputs}
@@ -251,7 +251,7 @@ def _who(trace: OutputTrace | None) -> Text:
 
 
 def _difference(asked: Command, applied: Command, unit: LengthUnit) -> str:
-    """Return what was asked for if the driver did something clearly different; rounding to its own steps is not."""
+    """Name what was asked for if the driver did something clearly different; rounding to its own steps is not."""
     if isinstance(asked, LevelCommand) and isinstance(applied, LevelCommand):
         return format_level(asked.level) if abs(asked.level - applied.level) > 0.015 else ""
     if isinstance(asked, TwistCommand) and isinstance(applied, TwistCommand):
@@ -287,7 +287,7 @@ def note_lines(notes: Sequence[Note]) -> list[Text]:
 
 
 def _essence(payload: str) -> str:
-    """Return what a JSON object says, without what is only of use to programs; other text as it is."""
+    """Return the content of a JSON object, without what is only of use to programs; other text as it is."""
     try:
         figures = json.loads(payload)
     except ValueError:

@@ -1,4 +1,4 @@
-"""What a run has beside its cycles, and what it leaves behind: recordings, the event log, systemd."""
+"""The things a run has beside its cycles, and those it leaves behind: recordings, the event log, systemd."""
 
 from __future__ import annotations
 

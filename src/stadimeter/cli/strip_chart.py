@@ -144,7 +144,7 @@ class ChartScale(Struct, frozen=True, kw_only=True):
     rows_per_step: int
 
     def position(self, value: float) -> float:
-        """Return how many rows below the middle of the top row a figure is; not within the rows if off the scale."""
+        """Return the rows a figure is below the middle of the top row; not within the rows if off the scale."""
         return self.rows - 1 - (value - self.low) / self.step * self.rows_per_step
 
     def labels(self) -> Iterator[tuple[int, str]]:

@@ -179,7 +179,7 @@ def _parameter(flag: str) -> str:
 
 
 def targets_from_options(given: GivenTarget, config: Path | None = None, *, several: bool = False) -> WantedTargets:
-    """Return what the options describe, or the targets of ``--config``; `ConfigError` if they contradict each other.
+    """Return the targets the options describe, or those of ``--config``; `ConfigError` if they contradict each other.
 
     Args:
         several: Whether ``--target`` may be given more than once.

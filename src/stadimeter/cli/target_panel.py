@@ -111,7 +111,7 @@ def _distance(shown: Shown, track: Track) -> Text:
 
 
 def _whereabouts(shown: Shown, track: Track, reason: str) -> tuple[Text, Text]:
-    """Return how it moves and where it is, or since when and why that is not known."""
+    """Describe how it moves and where it is, or since when and why that is not known."""
     snapshot = shown.snapshot
     why = Text(one_line(reason), "italic yellow")
     if not track.is_valid:

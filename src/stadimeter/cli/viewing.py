@@ -155,7 +155,7 @@ STOP_WAIT_S = 1.0
 
 
 class Showing(Struct, frozen=True):
-    """How a run is shown.
+    """The way a run is shown.
 
     Attributes:
         unit: That of distances.
@@ -223,7 +223,7 @@ def _feed(
 
 
 def narration_of(loop: Loop) -> Callable[[], str]:
-    """Return what says in a sentence what happens in the simulated world of a run: nothing, if there is none."""
+    """Return a function that says in a sentence what happens in a run's simulated world: nothing, if there is none."""
     return loop.parts.world.narration if loop.parts.world is not None else str
 
 

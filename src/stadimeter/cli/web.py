@@ -132,7 +132,7 @@ def web(
 
 
 def page_command(config: Path, options: WebTable, socket: Path | None = None, **more: object) -> list[str]:
-    """Return what runs the page of a configuration in a process of its own."""
+    """Return the command that runs the page of a configuration in a process of its own."""
     paths = {
         "configuration": config,
         "passwords": options.password_file or place_of_passwords(config),

@@ -61,7 +61,7 @@ def check_page_address(text: object) -> str:
 
 
 def _for_people(rest: str) -> str:
-    """Return what follows the scheme of an address. Where the password cannot be recognised, nothing is left of it."""
+    """Return the part behind the scheme of an address. If the password cannot be recognised, nothing is left of it."""
     cut = _PARAMETERS.search(rest)
     before, after = (rest[: cut.start()], rest[cut.start() :]) if cut else (rest, "")
     if "@" in after:  # of a password with such a character, or of an address of mail

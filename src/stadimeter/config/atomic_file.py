@@ -88,7 +88,7 @@ def append_whole(path: Path, data: bytes, *, is_lasting: bool) -> None:
 
 
 def holds(path: Path, data: bytes) -> bool:
-    """Return whether there is a file with exactly this content."""
+    """Check whether there is a file with exactly this content."""
     try:
         return path.read_bytes() == data
     except FileNotFoundError:

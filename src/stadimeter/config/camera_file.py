@@ -58,7 +58,7 @@ Correlation = Annotated[float, Field(ge=-1, le=1, strict=True)]
 
 
 class OpticsTable(BaseModel):
-    """How the camera was set when it was calibrated, as far as that changes its focal length in pixels."""
+    """The camera's settings when it was calibrated, as far as they change its focal length in pixels."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
@@ -287,7 +287,7 @@ def with_optics(data: bytes, optics: Optics | None) -> bytes:
 
 
 def optics_in(data: bytes) -> Optics | None:
-    """Return how the camera was set that took a picture, if its file says it behind its header."""
+    """Return the settings of the camera that took a picture, if its file says them behind its header."""
     found = _OPTICS_CHUNK.match(data, _PNG_HEADER_BYTES) if data.startswith(_PNG_START) else None
     try:
         return OpticsTable.model_validate_json(found[2]).to_optics() if found else None

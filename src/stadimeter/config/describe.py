@@ -174,7 +174,7 @@ def _acts(rule: AlarmRule, configuration: Configuration) -> str:
 
 
 def _verb(output: str, configuration: Configuration) -> str:
-    """Return what an output does when it acts, such as ``lights``; a rule with a condition stops a base."""
+    """Return the verb for an output that acts, such as ``lights``; a rule with a condition stops a base."""
     if configuration.base is not None and output == BASE_NAME:
         return "stops"
     return next((each.options.verb for each in configuration.actuators if each.name == output), "drives")
@@ -347,7 +347,7 @@ def _does(step: EscalationStep, configuration: Configuration) -> str:
 
 
 def needs_figures(condition: Condition) -> bool:
-    """Return whether a condition asks for a figure that is not known while its target is out of sight."""
+    """Check whether a condition asks for a figure that is not known while its target is out of sight."""
     return any(leaf.has_figures for leaf in leaves(condition))
 
 

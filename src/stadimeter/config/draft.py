@@ -127,7 +127,7 @@ class ChosenDrivers:
 
 
 def _robot(base: Any) -> dict[str, float]:
-    """Return what the options of a base say of its robot, by their names in a simulated world."""
+    """Return the figures that the options of a base give of its robot, by their names in a simulated world."""
     track_width, ticks, wheel = (
         getattr(base, name, None) for name in ("track_width", "ticks_per_turn", "wheel_diameter")
     )
@@ -210,7 +210,7 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
         )
 
     def target_hint(self, name: str) -> str:
-        """Return what to write in place of a target that there is none of."""
+        """Suggest what to write in place of a target that there is none of."""
         group = next((each for each in self.groups if name == each or name.startswith(f"{each}-")), None)
         if group is None:
             return did_you_mean_or_list(name, self.target_names)
@@ -227,12 +227,12 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
 
     @property
     def any_target_hint(self) -> str:
-        """What to add where a target must be named."""
+        """The text to add where a target must be named."""
         return f'add target = "{next((each.name for each in self.nearest), self.target_names[0])}"'
 
     @property
     def target_names(self) -> tuple[str, ...]:
-        """What rules may watch: what is measured, and the nearest and farthest of several."""
+        """The names that rules may watch: what is measured, and the nearest and farthest of several."""
         return (*self.measured_names, *(each.name for each in self.nearest))
 
     @property

@@ -1,4 +1,4 @@
-"""What may be missing beside the program: libraries of its extras, with the line that installs them, and guides."""
+"""Things that may be missing beside the program: libraries of extras, with the line that installs them, and guides."""
 
 from __future__ import annotations
 

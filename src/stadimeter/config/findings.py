@@ -150,7 +150,7 @@ def findings_of(
 
 
 def _has_wrong_entries(of_list: ErrorDetails, found: Iterable[ErrorDetails]) -> bool:
-    """Return whether entries of a list are wrong: pydantic counts only the others, and takes the list for too short."""
+    """Check whether entries of a list are wrong: pydantic counts only the others, and takes the list for too short."""
     at = of_list["loc"]
     return any(len(each["loc"]) > len(at) and each["loc"][: len(at)] == at for each in found)
 
@@ -178,7 +178,7 @@ def _models_at(model: type[BaseModel], path: KeyPath) -> list[type[BaseModel]]:
 
 
 def _elsewhere(model: type[BaseModel]) -> Mapping[str, str]:
-    """Return what to write in place of keys that people try in a table."""
+    """Return the text to write in place of keys that people try in a table."""
     return getattr(model, "written_elsewhere", {})
 
 
@@ -245,7 +245,7 @@ def _unique(texts: Iterable[str]) -> list[str]:
 
 
 def _sentence(details: ErrorDetails) -> str:
-    """Return what one of our own checks has said, which needs no rewording."""
+    """Return the words of one of our own checks, which need no rewording."""
     if details["type"] in {"value_error", "assertion_error"}:
         return str(details.get("ctx", {}).get("error", ""))
     return ""

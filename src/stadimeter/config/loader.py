@@ -107,7 +107,7 @@ OPTIONS = Path("options")
 
 
 def is_demonstration(configuration: Path) -> bool:
-    """Return whether a file is the demonstration's, which nothing may change and beside which nothing is written."""
+    """Check whether a file is the demonstration's, which nothing may change and beside which nothing is written."""
     return configuration.resolve() == DEMONSTRATION.resolve()
 
 
@@ -173,12 +173,12 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def driven(self) -> tuple[DriverChoice, ...]:
-        """What must be off when no program runs: the actuators, the base, and the status LED."""
+        """The drivers that must be off when no program runs: the actuators, the base, and the status LED."""
         return (*self.actuators, *(each for each in (self.base, self.status_led) if each is not None))
 
     @property
     def warnings(self) -> tuple[Problem, ...]:
-        """What is allowed and hardly meant. It is looked for when it is first asked for: a run starts without it."""
+        """Things allowed and hardly meant. They are looked for when first asked for: a run starts without them."""
         return self.find_warnings()
 
 
@@ -313,7 +313,7 @@ def _output(draft: Draft, name: str, table: ActuatorTable | BaseTable) -> Output
 
 
 def _warnings(draft: Draft, path: Path, source: TomlSource, errors: list[Finding] | None = None) -> tuple[Problem, ...]:
-    """Return what deserves a look; beside errors as far as these allow."""
+    """List what deserves a look; beside errors as far as these allow."""
     from stadimeter.config.warnings import rule_warnings, warning_findings  # noqa: PLC0415 - no run needs it to start
 
     found = warning_findings(draft) if errors is None else rule_warnings(draft, errors)

@@ -81,7 +81,7 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class MountTable(Section):
-    """Where the camera sits on the robot: x ahead and y left of its middle. Its height and tilt are in `[camera]`."""
+    """The place of the camera on the robot: x ahead and y left of its middle. Its height and tilt are in `[camera]`."""
 
     written_elsewhere: ClassVar[dict[str, str]] = {
         "z": 'height = "30 cm" in [camera]',
@@ -315,7 +315,7 @@ class WebTable(Section):
 
 
 class TrackingTable(Section):
-    """How targets are tracked; see `stadimeter.core.plan.Tracking`."""
+    """The way targets are tracked; see `stadimeter.core.plan.Tracking`."""
 
     acceleration_mps2: Acceleration = Field(default=_TRACKING.acceleration_mps2, alias="acceleration")
     """In m/s²."""
@@ -375,7 +375,7 @@ def _time_zone(name: object) -> object:
 
 
 class PlaceTable(Section):
-    """Where the computer is, for schedules."""
+    """The place of the computer, for schedules."""
 
     latitude: Annotated[float, Field(ge=-90, le=90)] | None = None
     """In degrees, north of the equator positive."""

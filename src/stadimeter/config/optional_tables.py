@@ -15,21 +15,21 @@ TIMELINE_S, TIMELINE_MAX_S = 7 * DAY_S, 31 * DAY_S
 
 
 class RecordingTable(Section):
-    """What a run keeps by itself of what it saw and did."""
+    """The things a run keeps by itself of what it saw and did."""
 
     last: Annotated[Duration, Field(ge=60.0, le=DAY_S)]
     """For how long at least it keeps each cycle, without pictures."""
 
 
 class TimelineTable(Section):
-    """What a run keeps of its past for the timeline of the page: distances second by second, and states of rules."""
+    """The past that a run keeps for the timeline of the page: distances second by second, and states of rules."""
 
     keep: Annotated[Duration, Field(le=TIMELINE_MAX_S)] = TIMELINE_S
     """For how long; `"0 s"` keeps nothing."""
 
 
 class MountingTable(Section):
-    """Whether it is watched that the camera stays where it was when its view was saved."""
+    """Settings for watching that the camera stays where it was when its view was saved."""
 
     watch: bool | None = None
     """Whether it is watched; by default as soon as a view was saved."""
@@ -56,7 +56,7 @@ class BlackBoxTable(Section):
     """In bytes; while all clips together take more of the disk, the oldest is deleted."""
 
     def describe(self) -> str:
-        """Return what it does, in words."""
+        """Describe what it does, in words."""
         on = " and ".join(self.on) or "order"
         keeps = f"Keeps the last {self.before:g} s with pictures in at most {self.memory / 1e6:g} MB of memory"
         return f"{keeps}, and writes a clip on each {on}: {self.max_total / 1e6:g} MB of clips at most."

@@ -86,7 +86,7 @@ class DriverOptions(OptionsTable):
 
     @property
     def members(self) -> tuple[str, ...]:
-        """Of a detector whose table stands for several targets, what tells them apart: they are ``NAME-1`` and so on.
+        """The endings that tell apart several targets of one detector table: the targets are ``NAME-1`` and so on.
 
         Its detector is a `stadimeter.detectors.protocol.TracksSeveral`. Empty for one target.
         """
@@ -154,7 +154,7 @@ class DriverContext(Struct, frozen=True, kw_only=True):
 
 
 class SerialStop(Struct, frozen=True, kw_only=True):
-    """What stops a device on a serial port from outside, when the program that drove it is gone.
+    """A message that stops a device on a serial port from outside, when the program that drove it is gone.
 
     Attributes:
         port: A path below ``/dev``.
@@ -167,7 +167,7 @@ class SerialStop(Struct, frozen=True, kw_only=True):
 
 
 class I2cStop(Struct, frozen=True, kw_only=True):
-    """What stops a device on an I2C bus from outside, when the program that drove it is gone.
+    """A write that stops a device on an I2C bus from outside, when the program that drove it is gone.
 
     Attributes:
         bus: The number N of ``/dev/i2c-N``.
@@ -185,7 +185,7 @@ class MaySimulate(Protocol):
     """A driver that may act in a simulated world only. A recording that drives anything else is watched closely."""
 
     def is_simulated(self) -> bool:
-        """Return whether it does with these options."""
+        """Check whether it does with these options."""
         ...
 
 
@@ -221,7 +221,7 @@ class StopsByBytes(Protocol):
     """An output on a serial port that bytes from outside stop. Pins need none: they are driven to their off level."""
 
     def serial_stop(self) -> SerialStop | None:
-        """Return what to send; None where nothing is there to be stopped."""
+        """Return the message to send; None where nothing is there to be stopped."""
         ...
 
 
@@ -230,7 +230,7 @@ class StopsByI2c(Protocol):
     """An output on an I2C bus that writes from outside stop."""
 
     def i2c_stop(self) -> I2cStop | None:
-        """Return what to write; None where nothing is there to be stopped."""
+        """Return the message to write; None where nothing is there to be stopped."""
         ...
 
 
@@ -240,11 +240,11 @@ class StopsByItself(Protocol):
 
     @property
     def auto_stop_advice(self) -> str:
-        """What makes that sooner, or what to do where nothing does, for ``check``."""
+        """Advice on what makes that sooner, or what to do where nothing does, for ``check``."""
         ...
 
     def stops_by_itself_after_s(self) -> float:
-        """Return how long it drives on when nothing comes any more, in seconds; infinity if for ever."""
+        """Return the time it drives on when nothing comes any more, in seconds; infinity if for ever."""
         ...
 
 
@@ -267,7 +267,7 @@ class DriverChoice(Struct, frozen=True, kw_only=True):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether it acts in a simulated world only."""
+        """True if it acts in a simulated world only."""
         return isinstance(self.options, MaySimulate) and self.options.is_simulated()
 
 

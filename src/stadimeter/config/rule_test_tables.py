@@ -32,7 +32,7 @@ class SpanTable(Section):
         return self.start + self.duration
 
     def holds(self, at_s: float) -> bool:
-        """Return whether a moment lies in it; its end does not."""
+        """Check whether a moment lies in it; its end does not."""
         return self.start <= at_s < self.end_s
 
 
@@ -80,7 +80,7 @@ class LevelAtTable(Section):
 
 
 class ExpectTable(Section):
-    """What is expected of a rule or of an output. Times are in seconds from the start of the test."""
+    """The state expected of a rule or of an output. Times are in seconds from the start of the test."""
 
     raised: Count | None = None
     """How often the rule is raised, exactly."""
@@ -172,7 +172,7 @@ MOTIONS = ("hover", "approach", "recede", "skip", "points")
 
 
 class PathPoint(Struct, frozen=True, kw_only=True):
-    """Where a target truly is at some time.
+    """The true place of a target at some time.
 
     Attributes:
         at_s: Seconds from the start of the test.
@@ -214,7 +214,7 @@ class SkipTable(Section):
 
     @property
     def going_s(self) -> float:
-        """How long it takes from one distance to the other, in seconds."""
+        """Time it takes from one distance to the other, in seconds."""
         return 0.0
 
     def legs(self) -> list[tuple[float, float]]:
@@ -231,12 +231,12 @@ class TravelTable(SkipTable):
 
     @property
     def going_s(self) -> float:
-        """How long it takes at that speed, in seconds."""
+        """Time it takes at that speed, in seconds."""
         return abs(self.end - self.start) / self.speed
 
 
 class PathPointTable(Section):
-    """Where the target is at some time."""
+    """The place of the target at some time."""
 
     at: Duration
     """In seconds from the start of the test."""
@@ -249,7 +249,7 @@ class PathPointTable(Section):
 
 
 class MotionTable(Section):
-    """How one target moves; exactly one of the first five keys says it."""
+    """The motion of one target; exactly one of the first five keys says it."""
 
     hover: HoverTable | None = None
     """Stand at a distance."""
@@ -284,7 +284,7 @@ class MotionTable(Section):
 
     @property
     def duration_s(self) -> float:
-        """How long it takes, in seconds; 0 if no motion is given."""
+        """Time it takes, in seconds; 0 if no motion is given."""
         path = self.path()
         return path[-1].at_s if path else 0.0
 
@@ -332,13 +332,13 @@ class OperatorTable(Section):
     """Why."""
 
     def orders(self) -> tuple[tuple[OperatorAction, str], ...]:
-        """Return what is to be done to which rule (empty for none); more or fewer than one is wrong."""
+        """List what is to be done to which rule (empty for none); more or fewer than one is wrong."""
         named = ((action, getattr(self, action.replace("-", "_"), None)) for action in OperatorAction)
         return tuple((action, "" if rule is True else rule) for action, rule in named if rule is not None)
 
 
 class InputTable(MotionTable):
-    """What the camera sees in a test, and what people do. Without a journal it is made up."""
+    """The things the camera sees in a test, and those people do. Without a journal they are made up."""
 
     target: str | None = None
     """The target that moves, where there are several; the others are out of sight."""
@@ -368,14 +368,14 @@ class InputTable(MotionTable):
     """What people tell rules."""
 
     def motions(self, targets: Sequence[str]) -> Mapping[str, MotionTable]:
-        """Return how each target moves, without those that are never in sight."""
+        """Return the motion of each target, without those that are never in sight."""
         if self.targets is not None:
             return self.targets
         return {self.target or targets[0]: self}
 
     @property
     def moving_s(self) -> float:
-        """How long the test is, in seconds; 0 for a recording."""
+        """Length of the test, in seconds; 0 for a recording."""
         motions = self.targets.values() if self.targets else (self,)
         return max((motion.duration_s for motion in motions), default=0.0)
 

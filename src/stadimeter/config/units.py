@@ -199,7 +199,7 @@ UNKNOWN = "unknown"
 
 
 def split_spread(text: str) -> tuple[str, str]:
-    """Return what stands before and behind the sign of ``A4 ± 3 mm``; ``+-`` and ``+/-`` are that sign as well."""
+    """Return the parts before and behind the sign of ``A4 ± 3 mm``; ``+-`` and ``+/-`` are that sign as well."""
     before, _, behind = _PLUS_OR_MINUS.sub("±", text).partition("±")
     return before.strip(), behind.strip()
 

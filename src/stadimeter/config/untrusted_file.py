@@ -116,7 +116,7 @@ def size_text(count: int) -> str:
 
 
 def is_file(path: Path) -> bool:
-    """Return whether there is a regular file, also for a path that there cannot be, of a name that is too long."""
+    """Check whether there is a regular file, also for a path that there cannot be, of a name that is too long."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -166,7 +166,7 @@ _STARTS = (_JPEG_START, _PNG_START, b"BM", *_TIFF_ORDERS, b"RIFF", *(b"P%d" % ki
 
 
 def is_picture(head: bytes) -> bool:
-    """Return whether a file begins as a picture does that can be read here."""
+    """Check whether a file begins as a picture does that can be read here."""
     return head.startswith(_STARTS) and (not head.startswith(b"RIFF") or head[8:12] == b"WEBP")
 
 
@@ -176,13 +176,13 @@ _PICTURE_BRANDS = (b"heic", b"heix", b"mif1", b"msf1", b"avif")
 
 
 def is_video(head: bytes) -> bool:
-    """Return whether a file begins as a video does. Some telephones store pictures in the container of MP4."""
+    """Check whether a file begins as a video does. Some telephones store pictures in the container of MP4."""
     is_mp4 = head[4:8] == b"ftyp" and head[8:12] not in _PICTURE_BRANDS
     return is_mp4 or head.startswith(_VIDEO_STARTS) or (head.startswith(b"RIFF") and head[8:12] == b"AVI ")
 
 
 def holds_video(path: Path) -> bool:
-    """Return whether there is a file that begins as a video does."""
+    """Check whether there is a file that begins as a video does."""
     try:
         with open_untrusted(path) as file:
             return is_video(file.read(HEAD_BYTES))
@@ -191,7 +191,7 @@ def holds_video(path: Path) -> bool:
 
 
 def checked_picture(data: bytes) -> bytes:
-    """Return what is to be decoded: a whole picture, in which nothing asks for more than its pixels need.
+    """Return the bytes to be decoded: a whole picture, in which nothing asks for more than its pixels need.
 
     A JPEG or PNG that was cut short is refused, and a JPEG that lacks something inside; the decoders of the other kinds
     refuse them by themselves.
@@ -247,7 +247,7 @@ def _why_no_jpeg(data: bytes) -> str:
 
 
 def _jpeg_damage(data: bytes) -> str:
-    """Return what libjpeg warns of, where OpenCV fills in what is missing: the last block, or grey, to the end.
+    """Return the warning of libjpeg, where OpenCV fills in what is missing: the last block, or grey, to the end.
 
     Grey at an eighth of the size takes a third to a half of the time of decoding, and all of the code is read.
     """
@@ -295,7 +295,7 @@ def _png_chunks(data: bytes) -> Iterator[tuple[bytes, int, int]]:
 
 
 def _why_no_tiff(data: bytes) -> str:
-    """Return what is wrong with the first directory of a TIFF (TIFF 6.0, sections 2 and 15), or an empty string."""
+    """Name the fault of the first directory of a TIFF (TIFF 6.0, sections 2 and 15), or return an empty string."""
     order = _TIFF_ORDERS[data[:4]]
     sizes: dict[int, int] = {}
     try:

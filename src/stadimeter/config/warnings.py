@@ -230,7 +230,7 @@ class _Approach(Struct, frozen=True, kw_only=True):
     frame_s: float
 
     def waits_s(self, alarm: AlarmRule) -> float:
-        """Return how long after the target has crossed a limit an alarm is raised at the latest."""
+        """Return the longest time from a target's crossing of a limit until an alarm is raised."""
         # An assumed speed is too rough for a frame to matter.
         return delay_s(alarm, 1 / self.frame_s) + (self.frame_s if self.is_stated else 0.0)
 

@@ -1,4 +1,4 @@
-"""What a robot base reports of itself."""
+"""The report of a robot base on itself."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from msgspec import Struct
 
 
 class BaseReport(Struct, frozen=True, kw_only=True):
-    """What a base reported last. None stands for what it does not have, or has not reported yet.
+    """The last report of a base. None stands for what it does not have, or has not reported yet.
 
     Attributes:
         at_s: When it was received, on the run's monotonic clock.
@@ -30,7 +30,7 @@ class BaseReport(Struct, frozen=True, kw_only=True):
 
     @property
     def why_not_drive(self) -> str:
-        """Why the base may not drive, whatever rules want, in words; empty if it may."""
+        """The reason why the base may not drive, whatever rules want, in words; empty if it may."""
         bumped = ["its bumper is pressed"] if self.is_bumped else []
         at_cliff = ["there is no floor below it"] if self.is_at_cliff else []
         return "; ".join((*bumped, *at_cliff, *self.errors))

@@ -1,4 +1,4 @@
-"""How large a number from outside may be: one table, by what the number is.
+"""Limits of numbers from outside: one table, by what the number is.
 
 Whatever is beyond is a slip or damage. Within these bounds no square, quotient or exponential that is worked out here
 overflows, and no time that is added to another loses its milliseconds: a float keeps them up to 1e12 s.
@@ -42,5 +42,5 @@ MIN_QUANTITY = 1e-12
 
 
 def is_time(*times_s: float) -> bool:
-    """Return whether each is a time that a clock can show, or known to be none: NaN or infinite."""
+    """Check whether each is a time that a clock can show, or known to be none: NaN or infinite."""
     return all(abs(time_s) <= MAX_TIME_S or time_s - time_s != 0.0 for time_s in times_s)

@@ -1,4 +1,4 @@
-"""How a camera turns directions into pixels."""
+"""The way a camera turns directions into pixels."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MAX_OFF_CENTRE, USUAL_OFF_CENTRE = 0.5, 0.1
 
 
 def is_one_aspect(one_px: tuple[int, int], other_px: tuple[int, int]) -> bool:
-    """Return whether two widths and heights are resolutions of one view, so that one lens fits both."""
+    """Check whether two widths and heights are resolutions of one view, so that one lens fits both."""
     scale_x, scale_y = one_px[0] / other_px[0], one_px[1] / other_px[1]
     return abs(scale_x - scale_y) <= ASPECT_TOLERANCE * scale_y
 
@@ -52,7 +52,7 @@ def check_one_aspect(first: tuple[str, int, int], other: tuple[str, int, int]) -
 
 
 class Provenance(Struct, frozen=True, kw_only=True):
-    """How a camera model was made.
+    """The way a camera model was made.
 
     Attributes:
         method: Such as ``one picture at a known distance``.
@@ -134,13 +134,13 @@ class CameraModel(Struct, frozen=True, kw_only=True):
 
     @property
     def off_centre_shares(self) -> tuple[float, float]:
-        """How far the optical axis is from the middle of the picture, as shares of its width and its height."""
+        """Distance of the optical axis from the middle of the picture, as shares of its width and its height."""
         across, down = self.cx_px - (self.width_px - 1) / 2, self.cy_px - (self.height_px - 1) / 2
         return abs(across) / self.width_px, abs(down) / self.height_px
 
     @property
     def off_centre_words(self) -> str:
-        """What to look at again where the optical centre is far from the middle; empty where it is near by."""
+        """Words on what to look at again where the optical centre is far from the middle; empty where it is near."""
         worst = max(self.off_centre_shares)
         if worst <= USUAL_OFF_CENTRE:
             return ""
@@ -234,7 +234,7 @@ class CameraModel(Struct, frozen=True, kw_only=True):
 
     @property
     def chroma_pitch_px(self) -> tuple[int, int]:
-        """How many pixels share one sample of colour, across and down; one each where that is not known."""
+        """Number of pixels that share one sample of colour, across and down; one each where that is not known."""
         return CHROMA_PITCH_PX[self.subsampling or "4:4:4"]
 
     def direction(self, x_px: float, y_px: float) -> tuple[float, float]:
@@ -298,7 +298,7 @@ class CameraModel(Struct, frozen=True, kw_only=True):
         return max(self.focal_relative_sigma, _shares_by_place(self, self.uncertainty).at(x_px, y_px))
 
     def sensitivities(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how what is measured at pixels (n, 2) changes with the lens: see `lens_uncertainty.sensitivities`."""
+        """Find how what is measured at pixels (n, 2) changes with the lens: see `lens_uncertainty.sensitivities`."""
         return sensitivities(self.directions(points_px), (self.fx_px, self.fy_px), self.distortion)
 
     def matrix(self) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Where the camera itself is: its pose in the room, and the tags whose places tell it.
+"""The place of the camera itself: its pose in the room, and the tags whose places tell it.
 
 The room's frame is that of REP-103: x and y on the floor, z up. Turns are counter-clockwise as seen from above.
 """
@@ -54,7 +54,7 @@ class Landmarks(Struct, frozen=True, kw_only=True):
 
 
 class CameraPose(Struct, frozen=True, kw_only=True):
-    """Where the camera is in the room and how it is turned, for one frame; or why that is not known.
+    """The place of the camera in the room and how it is turned, for one frame; or why that is not known.
 
     Attributes:
         captured_at_s: When the frame was taken, on the run's monotonic clock.
@@ -108,7 +108,7 @@ class CameraPose(Struct, frozen=True, kw_only=True):
 
     @property
     def moved_words(self) -> str:
-        """Which tags are not where the configuration says, in words; empty for none."""
+        """The tags that are not where the configuration says, in words; empty for none."""
         return "; ".join(f"tag {each} is not where the configuration says" for each in self.moved)
 
     def in_words(self) -> str:

@@ -1,4 +1,4 @@
-"""What the rest of the program asks of a clock. The clocks themselves live in `stadimeter.app.clock`."""
+"""The interface of a clock to the rest of the program. The clocks themselves live in `stadimeter.app.clock`."""
 
 from __future__ import annotations
 

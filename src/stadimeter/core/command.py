@@ -1,4 +1,4 @@
-"""What an actuator or a base receives. Commands are values: a wrong one cannot be made."""
+"""The commands that an actuator or a base receives. Commands are values: a wrong one cannot be made."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from stadimeter.errors import CommandRangeError
 
 
 class LevelCommand(Struct, frozen=True, kw_only=True, tag=True):
-    """How strongly an actuator shall act.
+    """The strength with which an actuator shall act.
 
     Attributes:
         output: The name of the actuator.
@@ -33,7 +33,7 @@ class LevelCommand(Struct, frozen=True, kw_only=True, tag=True):
 
 
 class TwistCommand(Struct, frozen=True, kw_only=True, tag=True):
-    """How a base shall move.
+    """The motion that a base shall make.
 
     Attributes:
         output: The name of the base.
@@ -55,7 +55,7 @@ class TwistCommand(Struct, frozen=True, kw_only=True, tag=True):
 
     @property
     def moves(self) -> bool:
-        """Whether anything shall move."""
+        """True if anything shall move."""
         return (self.linear_mps, self.angular_radps, self.tilt_radps) != (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:

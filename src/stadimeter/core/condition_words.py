@@ -145,12 +145,12 @@ class Evidence(Struct, frozen=True, kw_only=True):
 
     @property
     def begins_at(self) -> str:
-        """Where it would begin to speak for the alarm, such as ``1.91 m``; empty if it never would."""
+        """The figure where it would begin to speak for the alarm, such as ``1.91 m``; empty if it never would."""
         return self._points(self.begin_points)
 
     @property
     def ends_at(self) -> str:
-        """Where it would cease to, such as ``2.12 m``; empty if it never would."""
+        """The figure where it would cease to, such as ``2.12 m``; empty if it never would."""
         return self._points(self.end_points)
 
     def _points(self, points: tuple[float, ...]) -> str:
@@ -415,7 +415,7 @@ def _words_of_own(leaf: TimeToContactCondition | FigureCondition) -> str:
 
 
 def _subject(leaf: Leaf) -> str:
-    """Return what a clause about thresholds begins with, such as ``the bearing of `ball` is``."""
+    """Return the beginning of a clause about thresholds, such as ``the bearing of `ball` is``."""
     if isinstance(leaf, RememberedCondition):
         return f"`{leaf.noun}` is"
     named = " and ".join(f"`{target}`" for target in leaf.targets_named) or "the base"
@@ -431,7 +431,7 @@ def _number_words(least: int | None, most: int | None) -> str:
 
 
 def _sides(leaf: Leaf) -> tuple[str, str]:
-    """Return what stands before a threshold from which on a figure is too low, and too high."""
+    """Return the words before a threshold from which on a figure is too low, and too high."""
     match leaf:
         case DistanceCondition():
             return "nearer than ", "further than "

@@ -102,7 +102,7 @@ def initial_state(plan: Plan) -> State:
 
 
 def decide(state: State, observation: Observation) -> tuple[State, Decision]:
-    """Return what to remember after one cycle, and what to do: one command for each output, events, and reasons."""
+    """Return the memory after one cycle, and what to do: one command for each output, events, and reasons."""
     plan = state.plan
     step_s = 0.0 if state.now_s is None else observation.now_s - state.now_s
     gap_s = step_s if is_gap(step_s, state.usual_step_s, plan.safety) else None
@@ -161,7 +161,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
 
 
 class _Permission(NamedTuple):
-    """Whether outputs may act: what safety demands, though people stop and arm and the picture may not be live."""
+    """Permission of outputs to act: what safety demands, though people stop and arm and the picture may not be live."""
 
     safety: SafetyState
     stopped: str
@@ -187,7 +187,7 @@ def _step_permission(state: State, observation: Observation, safety: SafetyState
 def _act(
     state: State, observation: Observation, safety: SafetyState, rules: EvaluatedRules, *, is_after_gap: bool
 ) -> tuple[tuple[Hold, ...], tuple[OperatorAnswer, ...], tuple[OutputStep, ...]]:
-    """Return who holds outputs, the answers to those who asked for it, and what each output does."""
+    """Return the holds on outputs, the answers to those who asked for one, and what each output does."""
     plan, now_s = state.plan, observation.now_s
     step_s = 0.0 if state.now_s is None else now_s - state.now_s
     forbidden = forbidden_outputs(plan.outputs, safety, observation.output_faults)
@@ -211,7 +211,7 @@ def _cause_to_disarm(plan: Plan, observation: Observation) -> str:
 
 
 def _base_command(state: State) -> TwistCommand | None:
-    """Return what the base was commanded to do in the cycle before; None where its motion is not to be seen."""
+    """Return the command of the base in the cycle before; None where its motion is not to be seen."""
     if not state.plan.safety.liveness:
         return None
     return next((step.command for step in state.outputs if isinstance(step.command, TwistCommand)), None)
@@ -227,7 +227,7 @@ class JudgedBy(NamedTuple):
 
 
 def judged_by(before: State, observation: Observation, inputs: RuleInputs, safety: SafetyState) -> JudgedBy:
-    """Return what the rules are judged by in the cycle after `before`.
+    """Collect what the rules are judged by in the cycle after `before`.
 
     Args:
         safety: As it is after the cycle.
@@ -279,7 +279,7 @@ def _with_motions(inputs: RuleInputs, state: State, tracked: tuple[TrackState, .
 def _see(
     state: State, observation: Observation, *, is_new: bool
 ) -> tuple[dict[str, Measurement], frozenset[str], tuple[Event, ...]]:
-    """Return what was measured, fused with range sensors; those that disagree with the camera, and events of that."""
+    """Return the measurements, fused with range sensors; those that disagree with the camera, and events of that."""
     measured = {each.target: each for each in observation.measurements} if is_new else {}
     seen, compared = fuse(measured, state.plan.sensor_pairs)
     return seen, *step_disagreements(state.disagreeing, compared, observation.now_s)

@@ -1,4 +1,4 @@
-"""What the core decided in one cycle, and why."""
+"""The core's decision in one cycle, and the reasons for it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stadimeter.core.track import Track
 
 
 class EventKind(StrEnum):
-    """What kind of thing happened."""
+    """The kind of thing that happened."""
 
     RAISED = "raised"
     CLEARED = "cleared"
@@ -83,7 +83,7 @@ ALARM_EVENTS = tuple(kind for kind in EventKind if kind not in SYSTEM_EVENTS)
 
 
 class Severity(StrEnum):
-    """How much an event matters, least first."""
+    """Importance of an event, least first."""
 
     INFO = "info"
     WARNING = "warning"
@@ -143,7 +143,7 @@ class Notice(Struct, frozen=True, kw_only=True):
 
 
 class RuleStatus(StrEnum):
-    """What a rule is doing."""
+    """Current state of a rule."""
 
     IDLE = "idle"
     """Its condition does not hold."""
@@ -161,7 +161,7 @@ class RuleStatus(StrEnum):
 
 
 class RuleTrace(Struct, frozen=True, kw_only=True):
-    """What one rule did in one cycle. Why is in `Decision.reasons`, and whether it won its output in `OutputTrace`.
+    """Account of one rule in one cycle. Why is in `Decision.reasons`, and whether it won its output in `OutputTrace`.
 
     Attributes:
         acknowledged: Whether no one needs to acknowledge it, or someone has.
@@ -182,7 +182,7 @@ class RuleTrace(Struct, frozen=True, kw_only=True):
 
 
 class OutputTrace(Struct, frozen=True, kw_only=True):
-    """Who commands one output in one cycle, and who would have liked to.
+    """The winner of one output in one cycle, and those who would have liked to command it.
 
     Attributes:
         winner: The rule that commands it, ``safety``, ``operator``, or ``safe`` if no rule makes a request.
@@ -199,7 +199,7 @@ class OutputTrace(Struct, frozen=True, kw_only=True):
 
 
 class SafetyMode(StrEnum):
-    """Whether outputs may act."""
+    """Modes of safety, which say whether outputs may act."""
 
     STARTING = "starting"
     """Not enough fresh frames yet: every output is kept at its safe value."""
@@ -213,7 +213,7 @@ class SafetyMode(StrEnum):
 
 
 class Decision(Struct, frozen=True, kw_only=True, eq=False):
-    """What the core decided in one cycle.
+    """The core's decision in one cycle.
 
     Attributes:
         commands: Exactly one for each output, in the order of the configuration.

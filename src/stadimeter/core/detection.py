@@ -1,4 +1,4 @@
-"""Where a target is in the picture, or why it is not there."""
+"""The place of a target in the picture, or the reason why it is not there."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class RejectedCandidate(Struct, frozen=True, kw_only=True):
 
 
 class Detection(Struct, frozen=True, kw_only=True, eq=False):
-    """Where one target is in one picture. Pixel coordinates have (0, 0) at the centre of the top left pixel.
+    """The place of one target in one picture. Pixel coordinates have (0, 0) at the centre of the top left pixel.
 
     Attributes:
         reason: Why it was not found or is not whole, or may be another thing, in words with figures. With a target that
@@ -95,12 +95,12 @@ class Detection(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def is_whole(self) -> bool:
-        """Whether it is seen whole, so that it has a size: found, or perhaps."""
+        """True if it is seen whole, so that it has a size: found, or perhaps."""
         return self.status in (DetectionStatus.FOUND, DetectionStatus.PERHAPS)
 
 
 class Prediction(Struct, frozen=True, kw_only=True):
-    """Where a target is expected to be in the next picture.
+    """The place where a target is expected to be in the next picture.
 
     Attributes:
         size_px: Its apparent size: of a ball the diameter, of a flat target its longer side.

@@ -1,4 +1,4 @@
-"""How the robot has moved of late: by its wheels where they report, else as it was commanded."""
+"""The robot's motion of late: by its wheels where they report, else as it was commanded."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ COMMAND_LAGS_S = (0.0, 0.1, 0.2)
 
 
 class RobotPose(Struct, frozen=True, kw_only=True):
-    """Where the robot was at a time, relative to where it began: x forward, y to the left, counter-clockwise.
+    """The robot's place at a time, relative to where it began: x forward, y to the left, counter-clockwise.
 
     Attributes:
         travel_m: How far it had driven by then, less what it drove back.

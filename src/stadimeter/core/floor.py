@@ -1,4 +1,4 @@
-"""What is known of a target that stands on the floor, and of the camera above it."""
+"""Knowledge of a target that stands on the floor, and of the camera above it."""
 
 from __future__ import annotations
 

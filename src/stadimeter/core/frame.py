@@ -46,7 +46,7 @@ class Optics(Struct, frozen=True, kw_only=True):
     upside_down: bool = False
 
     def change_to(self, now: Optics) -> str:
-        """Return what has changed since these were recorded, and what to do about it; empty if nothing has."""
+        """Describe what has changed since these were recorded, and what to do about it; empty if nothing has."""
         if now.sensor != self.sensor:
             return f"the camera file is for the sensor {self.sensor}, and this is {now.sensor}; calibrate this camera"
         if now.upside_down != self.upside_down:
@@ -71,7 +71,7 @@ class Optics(Struct, frozen=True, kw_only=True):
 
 
 class SensorBoxes(Struct, frozen=True, eq=False):
-    """What a network that runs on the camera's sensor has found in a frame.
+    """The boxes that a network running on the camera's sensor has found in a frame.
 
     Attributes:
         corners_px: Left, top, right and bottom of each box in the frame's pixels, shape ``(n, 4)``.
@@ -109,7 +109,7 @@ class Frame(Struct, frozen=True, eq=False):
 
     @property
     def chroma_pitch_px(self) -> tuple[int, int]:
-        """How many pixels share one sample of colour, across and down."""
+        """Number of pixels that share one sample of colour, across and down."""
         return CHROMA_PITCH_PX[self.subsampling]
 
     @property

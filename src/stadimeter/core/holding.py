@@ -57,7 +57,7 @@ def step_holds(
     forbidden: Mapping[str, str],
     now_s: float,
 ) -> tuple[tuple[Hold, ...], tuple[OperatorAnswer, ...]]:
-    """Return who holds what in this cycle, and the answer to each command.
+    """Return the holds of this cycle, and the answer to each command.
 
     Args:
         before: The holds of the cycle before.
@@ -114,7 +114,7 @@ def _obey(
 
 
 def _level_request(command: HoldCommand) -> LevelRequest | str:
-    """Return what an actuator shall do, or in words why it cannot."""
+    """Work out what an actuator shall do, or say in words why it cannot."""
     name, level = command.output, command.level
     if level is None:
         return f"{name} is an actuator: it takes a level from 0 to 1"
@@ -124,7 +124,7 @@ def _level_request(command: HoldCommand) -> LevelRequest | str:
 
 
 def _base_request(base: BaseOutput, command: HoldCommand) -> TwistRequest | str:
-    """Return how a base shall move, no faster than it is tried, or in words why it cannot."""
+    """Work out how a base shall move, no faster than it is tried, or say in words why it cannot."""
     linear_mps, angular_radps = command.linear_mps, command.angular_radps
     if command.level is not None or (linear_mps is None and angular_radps is None):
         return f"{base.name} is a base: it takes a speed in m/s and a rate of turn in rad/s"

@@ -1,4 +1,4 @@
-"""What Home Assistant discovers of a device: one message that the broker keeps, with every entity of it.
+"""Discovery of a device by Home Assistant: one message that the broker keeps, with every entity of it.
 
 The form is that of Home Assistant's "device discovery" (home-assistant.io, integration MQTT, section "MQTT discovery").
 Home Assistant drops a whole device for one key at the root that it does not know, and the key of a component that it
@@ -134,7 +134,7 @@ class ImageEntity(Component, frozen=True, kw_only=True, tag="image"):
 
 
 class UpdateEntity(Component, frozen=True, kw_only=True, tag="update"):
-    """Which version runs, and which one there is. Nothing is installed by it.
+    """The version that runs, and the one there is. Nothing is installed by it.
 
     Attributes:
         latest_version_topic: Where who looks after the devices publishes the version that they should have.
@@ -153,7 +153,7 @@ _PLATFORMS = frozenset(str(kind.__struct_config__.tag) for kind in AnyComponent.
 
 
 class DiscoveryDevice(_Part, frozen=True, kw_only=True):
-    """What the entities belong to."""
+    """The device that the entities belong to."""
 
     identifiers: tuple[str, ...]
     name: str
@@ -171,7 +171,7 @@ class Origin(_Part, frozen=True, kw_only=True):
 
 
 class DiscoveryPlace(Struct, frozen=True, kw_only=True):
-    """Where a node is discovered.
+    """The place where a node is discovered.
 
     Attributes:
         node: Its name, which no other node has.
@@ -230,13 +230,13 @@ class Announcement(Struct, frozen=True, kw_only=True):
 
     @property
     def entries(self) -> frozenset[str]:
-        """What is written down of it, for a later run: that of it which must be removed when it goes."""
+        """The entries written down of it, for a later run: that of it which must be removed when it goes."""
         listed = (f"{_COMPONENT}{_platform(each)}/{key}" for key, each in self.components.items())
         return frozenset({f"{_DEVICE}{self.place.topic}", *listed})
 
 
 def is_entry(listed: str) -> bool:
-    """Return whether it is one of `Announcement.entries`."""
+    """Check whether it is one of `Announcement.entries`."""
     return listed.startswith((_DEVICE, _COMPONENT))
 
 

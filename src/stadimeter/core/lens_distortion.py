@@ -1,4 +1,4 @@
-"""How a lens bends straight lines, and the way back.
+"""The bending of straight lines by a lens, and the way back.
 
 The model is the one of OpenCV's calibration with five coefficients, in this order: k1, k2, p1, p2, k3. A direction
 (x, y) per unit of depth, with s = x² + y², appears at
@@ -127,7 +127,7 @@ def _bent(x: Numbers, y: Numbers, coefficients: Coefficients) -> tuple[Numbers, 
 
 
 def slopes_by_coefficient(x: Points, y: Points) -> Points:
-    """Return how bent directions change with k1, k2, p1, p2 and k3, in which they are linear; shape (n, 2, 5)."""
+    """Return the change of bent directions with k1, k2, p1, p2 and k3, in which they are linear; shape (n, 2, 5)."""
     s, twice_xy = x * x + y * y, 2 * x * y
     return np.stack(
         (

@@ -1,4 +1,4 @@
-"""What the uncertainty of a camera model does to distances and directions, at each place in the picture.
+"""The effect of a camera model's uncertainty on distances and directions, at each place in the picture.
 
 A point at the direction d appears at ``p = F b(d; k) + c``. An error δθ of the parameters moves the direction that is
 read at p by
@@ -34,7 +34,7 @@ _NEGATIVE_MAX = 1e-4
 
 
 class LensUncertainty(Struct, frozen=True, kw_only=True):
-    """How well the parameters of a camera model are known, in the order of `PARAMETERS`."""
+    """Uncertainty of the parameters of a camera model, in the order of `PARAMETERS`."""
 
     sigmas: tuple[float, ...]  # standard deviations, those of fx, fy, cx and cy in pixels
     correlations: tuple[float, ...]  # above the diagonal of their matrix, row by row
@@ -83,7 +83,7 @@ def join_covariance(sigmas: Sequence[float], correlations: Sequence[float]) -> N
 
 
 def are_contradictory(correlations: Sequence[float], count: int) -> bool:
-    """Return whether there are no quantities with these correlations."""
+    """Check whether there are no quantities with these correlations."""
     return bool(np.linalg.eigvalsh(_correlation(correlations, count))[0] < -_NEGATIVE_MAX)
 
 
@@ -96,7 +96,7 @@ def _correlation(correlations: Sequence[float], count: int) -> NDArray[np.float6
 def sensitivities(
     directions: NDArray[np.float64], focal_px: tuple[float, float], coefficients: Coefficients
 ) -> NDArray[np.float64]:
-    """Return how what is measured at some places changes with each parameter of the camera.
+    """Return the sensitivity of what is measured at some places to each parameter of the camera.
 
     Args:
         directions: Where the places look to, x and y per unit of depth, shape (n, 2).
@@ -132,7 +132,7 @@ def _moves(
 
 
 class SharesByPlace:
-    """How uncertain the lens makes a distance, as a share, by the place in the picture where the target is seen.
+    """Uncertainty of a distance due to the lens, as a share, by the place in the picture where the target is seen.
 
     Args:
         shares: The standard deviations at the nodes of a grid over the picture, from its first to its last pixel, shape

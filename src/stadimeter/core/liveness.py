@@ -77,7 +77,7 @@ MIN_TEXTURED = 0.15
 
 
 class LivenessState(Struct, frozen=True, kw_only=True):
-    """What liveness remembers.
+    """The state that liveness remembers.
 
     Attributes:
         ego: How the robot has moved.
@@ -184,7 +184,7 @@ def _expected_px(flow: FlowSince, travel_m: float, turn_rad: float) -> float:
 
 
 def _still_sigmas(flow: FlowSince, still_px: float) -> float | None:
-    """Return how sure it is that a picture flows by less than this, in standard deviations; below 0 if by more.
+    """Return the certainty that a picture flows by less than this, in standard deviations; below 0 if by more.
 
     None if this look does not say so, for too much noise.
     """

@@ -1,4 +1,4 @@
-"""How far away a target is, for one frame."""
+"""The distance of a target, for one frame."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Measurement(Struct, frozen=True, kw_only=True):
 
     @property
     def position_m(self) -> tuple[float, float, float] | None:
-        """Where the target's centre is in the camera frame: x right, y down, z forward."""
+        """Position of the target's centre in the camera frame: x right, y down, z forward."""
         if self.depth_m is None or self.bearing_rad is None or self.elevation_rad is None:
             return None
         x = self.depth_m * math.tan(self.bearing_rad)

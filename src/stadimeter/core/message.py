@@ -1,4 +1,4 @@
-"""What a messenger sends."""
+"""The messages that a messenger sends."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def as_history(message: Message) -> Message:
 
 
 def clearing(topics: Iterable[str]) -> tuple[Message, ...]:
-    """Return what makes a broker forget topics, and who listens now take a rule that is gone for unavailable."""
+    """List what makes a broker forget topics, and who listens now take a rule that is gone for unavailable."""
     messages = []
     for topic in sorted(topics):
         if topic.endswith("/availability"):

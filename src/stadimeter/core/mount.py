@@ -1,4 +1,4 @@
-"""Where a camera sits on a robot, and where what it sees is from there, in the axes of REP-103."""
+"""The place of a camera on a robot, and of what it sees from there, in the axes of REP-103."""
 
 from __future__ import annotations
 

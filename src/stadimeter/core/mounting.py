@@ -1,4 +1,4 @@
-"""Whether the camera is still mounted as it was when its view was saved, and how a person confirms that it may be so.
+"""A check that the camera is still mounted as when its view was saved, and how a person confirms that it may be so.
 
 A camera that was turned, zoomed or refocused measures on, and wrongly: nothing in a single measurement shows
 it. Distances count as *unconfirmed* from then on. They drive outputs as before, unless the configuration says
@@ -20,7 +20,7 @@ MOUNTING = "mounting"
 
 
 class MountingStatus(StrEnum):
-    """What is known of the mounting."""
+    """The known state of the mounting."""
 
     AS_SAVED = "as_saved"
     NOT_JUDGED = "not_judged"
@@ -30,7 +30,7 @@ class MountingStatus(StrEnum):
 
 
 class Mounting(Struct, frozen=True, kw_only=True):
-    """What the newest check of the mounting says.
+    """Result of the newest check of the mounting.
 
     Attributes:
         reason: Why it is unconfirmed or not judged, in words; empty if it is as saved.
@@ -41,14 +41,14 @@ class Mounting(Struct, frozen=True, kw_only=True):
 
     @property
     def is_unconfirmed(self) -> bool:
-        """Whether distances are unconfirmed."""
+        """True while distances are unconfirmed."""
         return self.status is MountingStatus.UNCONFIRMED
 
 
 def step_mounting(
     *, was_unconfirmed: bool, mounting: Mounting | None, commands: Iterable[AnyCommand], now_s: float
 ) -> tuple[bool, tuple[OperatorAnswer, ...], tuple[Event, ...]]:
-    """Return whether distances are unconfirmed now, the answers to those who confirm them, and what happened.
+    """Check whether distances are unconfirmed now, and list the answers to those who confirm them and what happened.
 
     Args:
         mounting: What the newest check says; None where nothing is watched.

@@ -13,7 +13,7 @@ from stadimeter.core.picture_flow import PictureFlow
 
 
 class FrameStamp(Struct, frozen=True, kw_only=True):
-    """What the core knows of a frame: not its pixels.
+    """The core's knowledge of a frame: not its pixels.
 
     Attributes:
         captured_at_s: When it was taken, on the run's monotonic clock.
@@ -104,7 +104,7 @@ class Observation(Struct, frozen=True, kw_only=True):
 
     @property
     def faults(self) -> tuple[OutputFault, ...]:
-        """What is out of order: the outputs, and the second camera."""
+        """The faults of the outputs, and of the second camera."""
         if not self.second_camera_fault:
             return self.output_faults
         return (*self.output_faults, OutputFault(output=SECOND_CAMERA, reason=self.second_camera_fault))

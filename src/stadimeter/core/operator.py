@@ -1,4 +1,4 @@
-"""What people tell a running rule: that they have seen an alarm, that it shall be quiet for a while."""
+"""Commands of people to a running rule: that they have seen an alarm, that it shall be quiet for a while."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class OperatorCommand(Struct, frozen=True, kw_only=True, tag=True):
 
     @property
     def said(self) -> str:
-        """Who wants it and why, such as ``by zoe: on my way``."""
+        """The person who wants it and why, such as ``by zoe: on my way``."""
         who = f"by {self.by}" if self.by else "by an operator"
         return f"{who}: {self.why}" if self.why else who
 
@@ -64,7 +64,7 @@ AnyCommand = OperatorCommand | HoldCommand
 
 
 class OperatorAnswer(Struct, frozen=True, kw_only=True):
-    """What became of an operator's command.
+    """Outcome of an operator's command.
 
     Attributes:
         words: What was done, or why not.

@@ -20,7 +20,7 @@ AT_REST = (0.0, 0.0)
 
 
 class OutputStep(Struct, frozen=True, kw_only=True):
-    """What one output does in one cycle."""
+    """The action of one output in one cycle."""
 
     command: Command
     trace: OutputTrace
@@ -36,7 +36,7 @@ def new_output(output: Output) -> OutputStep:
 
 
 def safe_command(output: Output) -> Command:
-    """Return what an output does when nothing asks for more, or nothing may: its safe level; a base stands still."""
+    """Return an output's command when nothing asks for more, or nothing may: its safe level; a base stands still."""
     if isinstance(output, BaseOutput):
         return TwistCommand(output=output.name, linear_mps=0.0, angular_radps=0.0)
     return LevelCommand(output=output.name, level=output.safe_level)

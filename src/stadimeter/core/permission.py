@@ -1,4 +1,4 @@
-"""Whether an order could let an output act that would not act without it: what a sender needs to be trusted for."""
+"""Orders that could let an output act that would not act without them: what a sender needs to be trusted for."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _moving_rules(plan: Plan) -> dict[str, AnyRule]:
 
 
 def _is_quieted(plan: Plan, moving: dict[str, AnyRule], rule: AnyRule) -> bool:
-    """Return whether to quiet a rule lets nothing act: it alone drives its actuators, and steadily."""
+    """Check whether to quiet a rule lets nothing act: it alone drives its actuators, and steadily."""
     others = [each for each in moving.values() if each.name != rule.name]
     moved = {each.name for each in plan.outputs if isinstance(each, BaseOutput)}.union(*map(_outputs, others))
     is_alone = moved.isdisjoint(_outputs(rule)) and not any(rule.name in _asked_for(each) for each in others)
@@ -60,7 +60,7 @@ def _asked_for(rule: AnyRule) -> frozenset[str]:
 
 
 def _is_steady(rule: AnyRule) -> bool:
-    """Return whether what it drives goes by its condition alone, and not by when and how it was raised or cleared."""
+    """Check whether what it drives goes by its condition alone, and not by when and how it was raised or cleared."""
     if any(step.output is not None for step in gate_of(rule).escalation):
         return False
     if isinstance(rule, RampRule):  # a level that is kept within a dead zone may be higher when it begins again

@@ -1,4 +1,4 @@
-"""What alarms remember, beyond the end of a run: a snapshot of them, and how a later run restores it.
+"""The memory of alarms beyond the end of a run: a snapshot of them, and how a later run restores it.
 
 An alarm keeps its memory as long as its rule means the same. A rule that was changed in any way is another rule.
 """
@@ -54,7 +54,7 @@ _LONG_WINDOW_S = 3600.0
 
 
 class AlarmSnapshot(Struct, frozen=True, kw_only=True):
-    """What an alarm remembers, or the gate of another rule; or a figure, called ``figures.NAME``."""
+    """The memory of an alarm, or of the gate of another rule; or a figure, called ``figures.NAME``."""
 
     rule: str
     meaning: str
@@ -77,7 +77,7 @@ class Absence(Struct, frozen=True, kw_only=True):
 
 
 class SnapshotChange(IntEnum):
-    """How much a cycle has changed of what alarms remember, least first."""
+    """The extent to which a cycle has changed what alarms remember, least first."""
 
     NOTHING = 0
     """Nothing, or no more than a timer that runs."""
@@ -88,7 +88,7 @@ class SnapshotChange(IntEnum):
 
 
 def meaning_of(rule: AnyRule | RememberedFigure) -> str:
-    """Return what tells rules apart that do not mean the same, in 64 hexadecimal digits.
+    """Return a digest that tells rules apart that do not mean the same, in 64 hexadecimal digits.
 
     What is as it is by default does not count, so a later version with more to configure finds the same meaning.
     """
@@ -107,7 +107,7 @@ def _canonical(value: object) -> str:
 
 
 def _is_set(value: object, field: Any) -> bool:
-    """Return whether a field is not as it is by default."""
+    """Check whether a field is not as it is by default."""
     default = field.default_factory() if field.default_factory is not NODEFAULT else field.default
     if isinstance(value, GatedRule) and field.name == "gate":
         default = value.owning(default)
@@ -174,7 +174,7 @@ def _has_new_slot(figure: RememberedFigure, before: Summary, after: Summary) -> 
 
 
 def _begins_an_absence(before: State, after: State) -> bool:
-    """Return whether a target went out of sight that a rule counts the time of."""
+    """Check whether a target went out of sight that a rule counts the time of."""
     gone = any(
         last.track.is_valid and not now.track.is_valid for last, now in zip(before.tracks, after.tracks, strict=True)
     )
@@ -264,7 +264,7 @@ def _absent_since(tracked: TrackState, since_s: float | None) -> TrackState:
 
 
 def _resume(rule: AlarmRule, record: AlarmRecord, *, shift_s: float, from_s: float, now_s: float) -> AlarmRecord:
-    """Return what an alarm remembers, as of the beginning of this run; see `restore_alarms`."""
+    """Return the memory of an alarm, as of the beginning of this run; see `restore_alarms`."""
     before = shift_times(record, shift_s)
     if before.resumed is not None:
         from_s = before.resumed.from_s
@@ -277,7 +277,7 @@ def _resume(rule: AlarmRule, record: AlarmRecord, *, shift_s: float, from_s: flo
 
 
 def shift_times(value: _T, shift_s: float) -> _T:
-    """Return what was remembered, a struct with others in it or several, with every time shifted to another clock."""
+    """Return a remembered value, a struct with others in it or several, with every time shifted to another clock."""
     if type(value) is tuple:
         return cast("_T", tuple([shift_times(each, shift_s) for each in cast("tuple[Any, ...]", value)]))
     if not isinstance(value, Struct) or shift_s == 0:

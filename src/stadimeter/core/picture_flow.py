@@ -1,4 +1,4 @@
-"""How far the picture has moved, as the core sees it: without its pixels."""
+"""The distance that the picture has moved, as the core sees it: without its pixels."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from msgspec import Struct
 
 
 class FlowSince(Struct, frozen=True, kw_only=True):
-    """How far the blocks of a picture have moved sideways since an earlier one, in pixels of a reduced picture.
+    """Distance that the blocks of a picture have moved sideways since an earlier one, in pixels of a reduced picture.
 
     Attributes:
         since_s: The capture time of the earlier picture.
@@ -31,7 +31,7 @@ class FlowSince(Struct, frozen=True, kw_only=True):
 
 
 class PictureFlow(Struct, frozen=True, kw_only=True):
-    """What a picture shows of motion.
+    """Motion as a picture shows it.
 
     Attributes:
         textured: The share of its blocks that have texture, 0 to 1.

@@ -1,4 +1,4 @@
-"""What the configuration declares, as the core sees it: in SI units, checked, and fixed for a run."""
+"""The declarations of the configuration, as the core sees them: in SI units, checked, and fixed for a run."""
 
 from __future__ import annotations
 
@@ -123,14 +123,14 @@ class Plan(Struct, frozen=True, kw_only=True):
 
     @property
     def needs_wall_time(self) -> bool:
-        """Whether any rule asks for the time of day, or any figure begins at one."""
+        """True if any rule asks for the time of day, or any figure begins at one."""
         asks = next(self._schedules(), None) is not None
         asks = asks or any(isinstance(rule, ReportRule) and rule.at_seconds for rule in self.rules)
         return asks or any(figure.window.from_second is not None for figure in self.figures)
 
     @property
     def needs_sun(self) -> bool:
-        """Whether any rule asks when the sun rises or sets."""
+        """True if any rule asks when the sun rises or sets."""
         return any(schedule.is_by_sun for schedule in self._schedules())
 
     def _schedules(self) -> Iterator[ScheduleCondition]:

@@ -27,7 +27,7 @@ Medium = Literal["air", "water", "sea water"]
 
 
 class Refraction(NamedTuple):
-    """How light is refracted between a medium and air: the refractive index, and its standard deviation."""
+    """Refraction of light between a medium and air: the refractive index, and its standard deviation."""
 
     n: float
     sigma: float

@@ -1,4 +1,4 @@
-"""What a cycle adds to what is remembered over windows of time; see `stadimeter.core.conditions.summary`."""
+"""The additions of a cycle to what is remembered over windows of time; see `stadimeter.core.conditions.summary`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stadimeter.operator_actions import OperatorAction
 
 
 class Added(NamedTuple):
-    """What is new in a cycle."""
+    """The things that are new in a cycle."""
 
     inputs: RuleInputs
     """What the rules were judged by."""
@@ -49,7 +49,7 @@ def _is_any(active: Mapping[str, bool | None], rules: tuple[str, ...]) -> bool:
 def step_figures(
     figures: tuple[RememberedFigure, ...], before: tuple[Summary, ...], added: Added
 ) -> tuple[Summary, ...]:
-    """Return what is kept of all figures after a cycle: a reset of a rule empties the sums that it goes by."""
+    """Return the summaries of all figures after a cycle: a reset of a rule empties the sums that it goes by."""
     observation = added.observation
     commands = [each for each in observation.operator_commands if isinstance(each, OperatorCommand)]
     emptied = {each.rule for each in commands if each.action is OperatorAction.RESET and each.rule}

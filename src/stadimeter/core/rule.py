@@ -1,4 +1,4 @@
-"""What a rule declares, as the core sees it: in SI units, checked, and fixed for a run."""
+"""The declarations of a rule, as the core sees them: in SI units, checked, and fixed for a run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROUNDING_S = 1e-6
 
 
 class LostPolicy(StrEnum):
-    """What an alarm does when its target has been out of sight for longer than the grace."""
+    """Behaviour of an alarm when its target has been out of sight for longer than the grace."""
 
     HOLD = "hold"
     """Stay as it was."""
@@ -30,7 +30,7 @@ class LostPolicy(StrEnum):
 
 
 class Lost(Struct, frozen=True, kw_only=True):
-    """What a rule does without its target.
+    """Behaviour of a rule without its target.
 
     Attributes:
         grace_s: For this long nothing changes, and timers stand still.
@@ -44,7 +44,7 @@ class Lost(Struct, frozen=True, kw_only=True):
 
 
 class OnDelay(Struct, frozen=True, kw_only=True):
-    """How long a condition must hold before the alarm is raised.
+    """Time for which a condition must hold before the alarm is raised.
 
     Attributes:
         hold_s: Throughout this time, apart from noise; see `DelayTolerance`.
@@ -58,7 +58,7 @@ class OnDelay(Struct, frozen=True, kw_only=True):
 
 
 class DelayTolerance(Struct, frozen=True, kw_only=True):
-    """Which samples to the contrary are forgiven as noise while a delay runs: this many in a row, or for this long.
+    """Samples to the contrary that are forgiven as noise while a delay runs: this many in a row, or for this long.
 
     Attributes:
         samples: This many in a row, however far they are apart.
@@ -69,12 +69,12 @@ class DelayTolerance(Struct, frozen=True, kw_only=True):
     for_s: float = 0.15
 
     def forgives(self, samples: int, for_s: float) -> bool:
-        """Return whether samples in a row are forgiven."""
+        """Check whether samples in a row are forgiven."""
         return samples <= self.samples or (self.for_s > 0 and for_s <= self.for_s + ROUNDING_S)
 
 
 class Rule(Struct, frozen=True, kw_only=True):
-    """What every rule has.
+    """Fields that every rule has.
 
     Attributes:
         name: Its name in the configuration.
@@ -294,7 +294,7 @@ class RampRule(GatedRule, Struct, frozen=True, kw_only=True):
 
 
 class Search(Struct, frozen=True, kw_only=True):
-    """How a base that has lost its target turns to find it: in steps, since a picture taken in a turn is blurred.
+    """The way a base that has lost its target turns to find it: in steps, since a picture taken in a turn is blurred.
 
     Attributes:
         angle_rad: It turns no further than this, to the side where the target was last.
@@ -375,7 +375,7 @@ AnyRule = AlarmRule | RampRule | FollowRule | ReportRule
 
 
 def gate_of(rule: AnyRule) -> AlarmRule:
-    """Return what operators may keep quiet of a rule: an alarm itself, or the gate of another rule."""
+    """Return the part of a rule that operators may keep quiet: an alarm itself, or the gate of another rule."""
     return rule if isinstance(rule, AlarmRule) else rule.gate
 
 

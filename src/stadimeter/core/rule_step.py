@@ -1,4 +1,4 @@
-"""What one rule does in a cycle, and wants of outputs."""
+"""The step of one rule in a cycle: what it does, and wants of outputs."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Request = LevelRequest | TwistRequest
 
 
 class Step(Struct, frozen=True, kw_only=True):
-    """What a rule does in one cycle. The same object is kept from cycle to cycle while nothing about it changes."""
+    """The step of a rule in one cycle. The same object is kept from cycle to cycle while nothing about it changes."""
 
     trace: RuleTrace
     requests: tuple[Request, ...] = ()

@@ -1,4 +1,4 @@
-"""Whether outputs may act. Everything that affects this decision is in this file.
+"""The decision whether outputs may act. Everything that affects it is in this file.
 
 ================  =====================================  ==========
 mode              what happens                           next mode
@@ -56,7 +56,7 @@ SLOW_CYCLES = 2.0
 
 
 class SafetyState(Struct, frozen=True, kw_only=True):
-    """What safety remembers.
+    """The state that safety remembers.
 
     Attributes:
         good_frames: How many fresh frames came in a row.
@@ -70,7 +70,7 @@ class SafetyState(Struct, frozen=True, kw_only=True):
 
 
 def is_gap(step_s: float, usual_s: float, settings: Safety) -> bool:
-    """Return whether the program stood still between two cycles, so that it cannot know what happened meanwhile.
+    """Check whether the program stood still between two cycles, so that it cannot know what happened meanwhile.
 
     A process that was stopped, a computer that slept or a call that hung leaves no other trace: the next frame is
     fresh, and the last one before it looks like its neighbour. Whatever goes on over such a gap (a drive, a track, a
@@ -85,7 +85,7 @@ def is_gap(step_s: float, usual_s: float, settings: Safety) -> bool:
 
 
 def usual_step_s(step_s: float, usual_s: float) -> float:
-    """Return what counts as a usual step from here on: the newest one, but it grows no faster than it may.
+    """Return the step that counts as usual from here on: the newest one, but it grows no faster than it may.
 
     So pauses one after the other are all gaps, and a computer that has become slow is known after a few cycles.
     """
@@ -117,7 +117,7 @@ def step_safety(
 
 
 def while_stopped(state: SafetyState, stopped: str) -> SafetyState:
-    """Return what safety demands now, though a person may have stopped every output.
+    """Return the demands of safety now, though a person may have stopped every output.
 
     Args:
         stopped: Who has, and why, in words; empty if no one has.
@@ -129,7 +129,7 @@ def while_stopped(state: SafetyState, stopped: str) -> SafetyState:
 
 
 def in_words(gap_s: float, settings: Safety) -> str:
-    """Return what a gap was, in words."""
+    """Describe a gap in words."""
     limit = f"limit {1e3 * settings.max_frame_age_s:.0f} ms (safety.max_frame_age)"
     return f"the program stood still for {gap_s:.2f} s, {limit}"
 
@@ -176,7 +176,7 @@ def _about(commands: Sequence[AnyCommand], actions: frozenset[OperatorAction]) -
 def step_stop(
     stopped: str, commands: Sequence[AnyCommand], now_s: float
 ) -> tuple[str, tuple[OperatorAnswer, ...], tuple[Event, ...]]:
-    """Return who has stopped every output by now, the answers to those who want it or end it, and what happened.
+    """Say who has stopped every output by now, with the answers to those who want it or end it, and what happened.
 
     Args:
         stopped: Who has done it before, and why, in words; empty while no one has.
@@ -217,7 +217,7 @@ AT_START = "since the start"
 
 
 def while_disarmed(state: SafetyState, disarmed: str) -> SafetyState:
-    """Return what safety demands now, though the run may be disarmed.
+    """Return the demands of safety now, though the run may be disarmed.
 
     Args:
         disarmed: Since when or by what it is, in words; empty while it is armed.

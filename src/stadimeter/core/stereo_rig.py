@@ -43,7 +43,7 @@ class StereoRig(Struct, frozen=True, kw_only=True, eq=False):  # noqa: PLW1641 -
     provenance: Provenance = field(default_factory=Provenance)
 
     def __eq__(self, other: object) -> bool:
-        """Return whether all figures are the same."""
+        """Check whether all figures are the same."""
         return isinstance(other, StereoRig) and all(
             np.array_equal(getattr(self, name), getattr(other, name)) for name in self.__struct_fields__
         )
@@ -54,7 +54,7 @@ class StereoRig(Struct, frozen=True, kw_only=True, eq=False):  # noqa: PLW1641 -
 
     @property
     def baseline_m(self) -> float:
-        """How far apart the cameras are."""
+        """Distance between the cameras."""
         return math.hypot(*self.place_m)
 
     @property

@@ -16,7 +16,7 @@ from stadimeter.core.detection import Detection
 
 
 class Reading(Struct, frozen=True, kw_only=True):
-    """Where a target's centre is, as its shape works it out from one detection.
+    """Position of a target's centre, as its shape works it out from one detection.
 
     Attributes:
         position_m: In the camera frame: x to the right, y down, z along the optical axis.
@@ -68,7 +68,7 @@ class TargetShape(Protocol):
 
     @property
     def has_corners(self) -> bool:
-        """Whether the outline of a detection is its corners in order around it, or else points on a smooth rim."""
+        """True if the outline of a detection is its corners in order around it, False if points on a smooth rim."""
         ...
 
     def size_sigma_px(self, size_px: float) -> float:

@@ -1,4 +1,4 @@
-"""Whether a target appears where it must, given how the robot has turned and driven: a test of normalised innovation.
+"""A test of normalised innovation, whether a target appears where it must, given how the robot has turned and driven.
 
 This is the second line of liveness, for rooms too plain for the first: a frozen picture shows the target in the same
 direction and at the same distance for ever, so a robot that turns towards it turns for ever. Taken for true, such a
@@ -53,7 +53,7 @@ FALSE_ALARM = 1e-6
 
 
 class TargetInnovation(Struct, frozen=True, kw_only=True):
-    """What the test remembers of one target.
+    """The test's memory of one target.
 
     Attributes:
         at_s: The capture time of the last sighting that was judged.

@@ -103,7 +103,7 @@ def render(template: Template, values: Mapping[str, Value]) -> str:
 
 
 def fields(rule: Rule, notice: Notice, track: Track | None, time: str, group: str = "") -> dict[str, Value]:
-    """Return what a template may tell of an event; the name of its clip is for others to fill in.
+    """Return the values that a template may tell of an event; the name of its clip is for others to fill in.
 
     Args:
         track: The rule's target now; only figures that may be acted on are filled in.
@@ -138,7 +138,7 @@ def _convert(value: float | None, factor: float) -> float | None:
 
 @lru_cache(maxsize=256)
 def _parts(text: str) -> tuple[tuple[str, str, str], ...]:
-    """Return what a text is made of: what stands as it is, then a field, then how it is written."""
+    """Split a text into its parts: what stands as it is, then a field, then how it is written."""
     try:
         parsed = list(string.Formatter().parse(text))
     except ValueError as error:

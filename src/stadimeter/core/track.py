@@ -8,7 +8,7 @@ from msgspec import Struct
 
 
 class TrackStatus(StrEnum):
-    """Where a target is in its life."""
+    """Stage of a target in its life."""
 
     SEARCHING = "searching"
     """It has not been seen yet."""
@@ -62,5 +62,5 @@ class Track(Struct, frozen=True, kw_only=True):
 
     @property
     def is_valid(self) -> bool:
-        """Whether the figures may be acted on: tracked now, or coasting for a moment."""
+        """True if the figures may be acted on: tracked now, or coasting for a moment."""
         return self.status is TrackStatus.TRACKING or self.status is TrackStatus.COASTING

@@ -299,7 +299,7 @@ def _mean_hue(hues: Values, weights: Values) -> float:
 
 
 def _hues_apart(hues: Values, middle: float) -> Values:
-    """Return how far hues are from another, the shorter way round: from -90 to 90."""
+    """Return the distance of hues from another, the shorter way round: from -90 to 90."""
     return np.asarray((hues - middle + 90) % 180 - 90)
 
 

@@ -127,7 +127,7 @@ class ColourSample(NamedTuple):
 
 
 class ColourView(Struct, frozen=True, kw_only=True, eq=False):
-    """What a range of colours shows in a picture.
+    """The parts of a picture that a range of colours shows.
 
     Attributes:
         detection: The target, as it is found with the range.
@@ -164,7 +164,7 @@ class ProposesColour(Protocol):
 
     @staticmethod
     def view_colour(frame: Frame, colour: str) -> ColourView:
-        """Return what a range, as the configuration has it, shows in a frame; a ValueError says why it is none."""
+        """Find what a range, as the configuration has it, shows in a frame; a ValueError says why it is none."""
 
 
 class Exercise(Struct, frozen=True, kw_only=True, eq=False):
@@ -186,11 +186,11 @@ class BringsExercise(Protocol):
 
     @staticmethod
     def exercise() -> Exercise:
-        """Return what it has to find."""
+        """Return the exercise: what it has to find."""
 
 
 class EngineTiming(Struct, frozen=True, kw_only=True):
-    """How long an engine takes for a picture of 640x480 px; `trouble` says why it cannot run the network."""
+    """The time an engine takes for a picture of 640x480 px; `trouble` says why it cannot run the network."""
 
     engine: str
     seconds: float | None = None
@@ -198,7 +198,7 @@ class EngineTiming(Struct, frozen=True, kw_only=True):
 
 
 class NetworkReport(Struct, frozen=True, kw_only=True):
-    """What a model file is.
+    """A description of a model file.
 
     Attributes:
         doubt: Why its family is not known; empty if it is.

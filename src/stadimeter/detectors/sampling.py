@@ -86,7 +86,7 @@ class Region(Struct, frozen=True, kw_only=True):
 
 
 def touches_border(points_px: Points, shape: tuple[int, ...], margin_px: float) -> bool:
-    """Return whether an outline, ``(n, 2)``, comes nearer than a margin to the outermost pixels, or passes them."""
+    """Check whether an outline, ``(n, 2)``, comes nearer than a margin to the outermost pixels, or passes them."""
     return bool(corners_on_border(points_px[None], shape, margin_px)[0])
 
 

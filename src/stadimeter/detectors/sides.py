@@ -50,7 +50,7 @@ class SideLine(NamedTuple):
     outward: int  # which way across leads out of the outline, 1 or -1
 
     def strides(self, width_px: int) -> tuple[int, int]:
-        """Return how many places the next pixel along and the next one across are away, counted row by row."""
+        """Return the number of places to the next pixel along and to the next one across, counted row by row."""
         return (1, width_px) if self.flat else (width_px, 1)
 
 
@@ -135,7 +135,7 @@ def step_shares(steps: int) -> Values:
 
 @cache
 def pixels_across(reach: int) -> Indices:
-    """Return how many pixels outwards each row of a profile across a side is, shape ``(2 * reach + 1, 1, 1)``."""
+    """Return the number of pixels outwards of each row of a profile across a side, shape ``(2 * reach + 1, 1, 1)``."""
     return np.arange(-reach, reach + 1)[:, None, None]
 
 

@@ -76,12 +76,12 @@ class PinOptions(DriverOptions):
     """The BCM number of the pin."""
 
     def lacks(self) -> tuple[str, ...]:
-        """Return what this computer lacks to drive pins. No pin is touched."""
+        """List what this computer lacks to drive pins. No pin is touched."""
         return pins_lack()
 
 
 def pins_lack() -> tuple[str, ...]:
-    """Return what this computer lacks to drive pins. No pin is touched."""
+    """List what this computer lacks to drive pins. No pin is touched."""
     name = _asked_for()
     if name == "mock":
         return ()
@@ -155,7 +155,7 @@ def _make_mock() -> PiFactory:
 
 
 def vendor_errors() -> tuple[type[Exception], ...]:
-    """Return what gpiozero and lgpio raise, for an ``except`` clause; lgpio's own is there only while lgpio is."""
+    """List what gpiozero and lgpio raise, for an ``except`` clause; lgpio's own is there only while lgpio is."""
     lgpio = sys.modules.get("lgpio")
     return (GPIOZeroError, OSError) if lgpio is None else (GPIOZeroError, OSError, lgpio.error)
 

@@ -69,7 +69,7 @@ class AppriseOptions(DriverOptions):
         return AppriseNotifier(self, context.name)
 
     def lacks(self) -> tuple[str, ...]:
-        """Return whether apprise is missing."""
+        """Check whether apprise is missing."""
         return (trouble,) if (trouble := missing("notify")) else ()
 
 
@@ -260,7 +260,7 @@ class Delivery:
             self._changed.notify()
 
     def trouble(self) -> str:
-        """Return what is wrong, in words without line breaks; empty if the newest attempt succeeded."""
+        """Describe what is wrong, in words without line breaks; empty if the newest attempt succeeded."""
         with self._changed:
             if not self._reason:
                 return ""

@@ -1,4 +1,4 @@
-"""What a broker is to be shown, and whom we trust: the password, certificates and keys, read when a messenger opens."""
+"""Credentials to show a broker, and whom we trust: the password, certificates and keys, read when a messenger opens."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def read_secrets(options: MqttSettings) -> Secrets:
 
 
 def _client_suffix(known: bytes, client_id: str) -> str:
-    """Return what is made of a secret and tells nothing of it: a broker logs client ids. Takes 10 ms on a PC."""
+    """Make a suffix of a secret that tells nothing of it: a broker logs client ids. Takes 10 ms on a PC."""
     if not known:
         return ""
     return "-" + hashlib.scrypt(known, salt=client_id.encode(), n=4096, r=8, p=1, dklen=6).hex()

@@ -77,12 +77,12 @@ class LinkEvents:
 
     @property
     def is_accepted(self) -> bool:
-        """Whether the broker accepted us in this attempt."""
+        """True if the broker accepted us in this attempt."""
         return self._accepted_at_s is not None
 
     @property
     def was_stable(self) -> bool:
-        """Whether the connection that ended had stood for a good while."""
+        """True if the connection that ended had stood for a good while."""
         return self._stood_s > STABLE_S
 
     def listen_to(self, client: Client) -> None:

@@ -141,7 +141,7 @@ class PahoMessenger:
 
     @property
     def commands(self) -> CommandLevel:
-        """What other programs may ask for."""
+        """The commands that other programs may ask for."""
         return self._options.commands
 
     def undelivered(self) -> tuple[Message, ...]:
@@ -205,7 +205,7 @@ class PahoMessenger:
 
     @property
     def discovery_place(self) -> DiscoveryPlace | None:
-        """Where Home Assistant discovers this node; see `Discoverable`."""
+        """The place at which Home Assistant discovers this node; see `Discoverable`."""
         return self._options.discovery_place
 
     def announce(self, announcement: Announcement) -> None:

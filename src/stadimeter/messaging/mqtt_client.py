@@ -1,4 +1,4 @@
-"""What an MQTT messenger needs to connect: its options, and paho's client with login, encryption and last will."""
+"""Parts an MQTT messenger needs to connect: its options, and paho's client with login, encryption and last will."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ class MqttSettings(DriverOptions):
 
     @property
     def discovery_place(self) -> DiscoveryPlace | None:
-        """Where Home Assistant discovers this node; None if it shall not."""
+        """The place at which Home Assistant discovers this node; None if it shall not."""
         if not self.home_assistant:
             return None
         return DiscoveryPlace(node=self.node, base=self.base, prefix=self.discovery_prefix)
@@ -162,7 +162,7 @@ class MqttSettings(DriverOptions):
 
     @property
     def client_id(self) -> str:
-        """Who we are to the broker. It knows only one client of a name at a time."""
+        """The name by which the broker knows us. It knows only one client of a name at a time."""
         return f"stadimeter-{self.node}"
 
 

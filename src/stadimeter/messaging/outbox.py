@@ -103,12 +103,12 @@ class MemoryOutbox:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing waits and nothing is on the wire."""
+        """True if nothing waits and nothing is on the wire."""
         return not (self._waiting or self._unacknowledged or self._unkept or self._unwritten)
 
     @property
     def has_room_on_wire(self) -> bool:
-        """Whether a message of QoS 0 may be sent; if not, the link is slower than what is said over it."""
+        """True if a message of QoS 0 may be sent; if not, the link is slower than what is said over it."""
         return len(self._unkept) + len(self._unwritten) < self._unwritten_max
 
     def add(self, message: Message, now_s: float) -> None:
@@ -258,12 +258,12 @@ class RetainedList:
 
     @property
     def is_forgotten(self) -> bool:
-        """Whether this run wrote pages, and none is heard: the broker has forgotten all that it kept."""
+        """True if this run wrote pages, and none is heard: the broker has forgotten all that it kept."""
         return self._has_written and not self._pages
 
     @property
     def is_wanted(self) -> bool:
-        """Whether it is known what this run publishes, so that the pages can be compared with it."""
+        """True if it is known what this run publishes, so that the pages can be compared with it."""
         return self._topics is not None and self._room_bytes > 0
 
     def begin(self) -> None:
@@ -276,7 +276,7 @@ class RetainedList:
             self._pages[int(number)] = payload.decode("utf-8", "replace")
 
     def finish(self) -> tuple[Message, ...]:
-        """Return what is to be sent when all pages are read: what clears topics that are gone, then the new pages."""
+        """List the messages to send when all pages are read: what clears topics that are gone, then the new pages."""
         if self._topics is None:
             return ()
         self.is_read = True
@@ -300,7 +300,7 @@ class RetainedList:
         return (*announce(announcement, before.entries if before else (), self._node), *self._rewritten())
 
     def announced(self) -> tuple[Message, ...]:
-        """Return what announces the same again; nothing if nothing was announced."""
+        """Return the message that announces the same again; nothing if nothing was announced."""
         return (self._announcement.message(),) if self._announcement is not None else ()
 
     def _rewritten(self) -> Iterator[Message]:
@@ -342,7 +342,7 @@ def _entries_of(page: str) -> Iterator[str]:
 
 
 def _may_be_cleared(topic: str) -> bool:
-    """Return whether it is a topic, and one that may be cleared."""
+    """Check whether it is a topic, and one that may be cleared."""
     if re.search(r"[+#]", topic) or not topic.strip("/"):
         return False
     return bool(_OF_RULE.fullmatch(topic)) or not _OWN.fullmatch(topic)

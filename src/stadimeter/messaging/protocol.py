@@ -42,7 +42,7 @@ class Messenger(Protocol):
         """
 
     def trouble(self) -> str:
-        """Return what is wrong with the connection, such as ``127.0.0.1:1883 refused the connection``; else ``""``."""
+        """Tell what is wrong with the connection, such as ``127.0.0.1:1883 refused the connection``; else ``""``."""
 
     def close(self) -> None:
         """Say goodbye, wait a moment at most for what is queued, and disconnect. May be called again."""
@@ -92,7 +92,7 @@ class TakesRequests(Protocol):
 
     @property
     def commands(self) -> CommandLevel:
-        """What the configuration allows them to ask for."""
+        """The commands that the configuration allows them to ask for."""
 
     def listen(
         self, topics: Collection[str], offered: Collection[str], receive: Callable[[RequestMessage], None]
@@ -123,7 +123,7 @@ class Discoverable(Protocol):
 
     @property
     def discovery_place(self) -> DiscoveryPlace | None:
-        """Where; None if it shall not."""
+        """The place at which it does; None if it shall not."""
 
     @property
     def orders(self) -> frozenset[str]:
@@ -167,7 +167,7 @@ class Subscription(Protocol):
     """A connection that listens. Its user serves it, in one thread. It connects again after a loss."""
 
     def trouble(self) -> str:
-        """Return what is wrong with the connection; empty while the peer passes messages on."""
+        """Describe what is wrong with the connection; empty while the peer passes messages on."""
 
     def serve(self, wait_s: float) -> None:
         """Connect if it is time to, and hand over what arrives, for that long at most. Connecting may take longer."""
@@ -185,7 +185,7 @@ class Subscribes(Protocol):
 
     @property
     def base(self) -> str:
-        """What the topics of this device begin with."""
+        """The beginning of the topics of this device."""
 
     @property
     def place(self) -> str:
@@ -231,7 +231,7 @@ class Notifier(Protocol):
         """
 
     def trouble(self) -> str:
-        """Return what is wrong in one line, without the service's address, which is mostly a secret; else ``""``."""
+        """Describe what is wrong in one line, without the service's address, which is mostly a secret; else ``""``."""
 
     def close(self) -> None:
         """Wait a moment at most for what is on its way, and let go. What is left over is `undelivered`."""

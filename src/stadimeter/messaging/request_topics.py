@@ -34,7 +34,7 @@ _IDENTIFIERS = (1, 2**28 - 1)
 
 
 class _Intake(Struct):
-    """What came on a topic of late.
+    """The messages that came on a topic of late.
 
     Attributes:
         left: How many more requests it may take now.

@@ -63,7 +63,7 @@ class MqttSubscription:
         self.is_listening = False
 
     def trouble(self) -> str:
-        """Return what is wrong with the connection; empty while the broker has taken the subscription."""
+        """Describe what is wrong with the connection; empty while the broker has taken the subscription."""
         return self._refusal or ("" if self.is_listening else self._why_not)
 
     def serve(self, wait_s: float) -> None:

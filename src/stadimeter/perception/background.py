@@ -1,4 +1,4 @@
-"""What stands still in a camera's view, and what it shows of the camera: turned, zoomed or out of focus.
+"""Things that stand still in a camera's view, and what they show of the camera: turned, zoomed or out of focus.
 
 A view is a few hundred ORB features (E. Rublee and others, "ORB: an efficient alternative to SIFT or SURF", 2011),
 spread over the picture: directions, descriptors, and how sharp each one's surroundings are. No picture can be made of
@@ -79,7 +79,7 @@ FEATURE = np.dtype([("place", "<f8", 2), ("bits", "u1", 32), ("sharpness", "<f4"
 
 
 class BackgroundComparison(Struct, frozen=True, kw_only=True):
-    """What a view says of the camera, compared with an earlier one.
+    """The state of the camera as a view shows it, compared with an earlier one.
 
     Attributes:
         motion: How it moved.
@@ -92,7 +92,7 @@ class BackgroundComparison(Struct, frozen=True, kw_only=True):
     blur_sigma_px2: float
 
     def in_words(self) -> str:
-        """Return what differs, with standard deviations."""
+        """Describe what differs, with standard deviations."""
         return f"{self.motion.in_words()}, blur {self.blur_px2:+.2f} ± {self.blur_sigma_px2:.2f} px²"
 
 
@@ -117,7 +117,7 @@ class BackgroundView(Struct, frozen=True, kw_only=True):
         return np.frombuffer(self.data, FEATURE)
 
     def compare(self, earlier: BackgroundView) -> BackgroundComparison | None:
-        """Return what differs from an earlier view; None if too few features agree."""
+        """Find what differs from an earlier view; None if too few features agree."""
         then, now = earlier.features, self.features
         for within, fewest in ((NEAR, MIN_INLIERS_NEAR), (math.inf, MIN_INLIERS)):
             theirs, ours = match_features(then, now, within)
@@ -184,7 +184,7 @@ def cover(plane: NDArray[Any], hidden: Sequence[NDArray[np.float64]], scale: flo
 
 
 def keep_still(views: Sequence[BackgroundView]) -> BackgroundView:
-    """Return what is in all of some views of a camera that stood still.
+    """Keep what is in all of some views of a camera that stood still.
 
     Raises:
         CalibrationError: It is too little to be compared with later views; the message says what to do.

@@ -1,4 +1,4 @@
-"""Where the camera itself is, frame by frame: the tags of known places are looked for, and their corners tell."""
+"""The place of the camera itself, frame by frame: the tags of known places are looked for, and their corners tell."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ class MountingLimits(Struct, frozen=True, kw_only=True):
 
 
 class Judgement(Struct, frozen=True, kw_only=True):
-    """What one check says.
+    """The result of one check.
 
     Attributes:
         found: The findings of this check alone, each in words.

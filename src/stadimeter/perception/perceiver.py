@@ -121,7 +121,7 @@ class MotionBlur:
 
 
 def _speed_px_s(before: _Sighting | None, now: _Sighting) -> float | None:
-    """Return how fast the edges of a target move in the picture: its centre, and half of what its size changes by."""
+    """Return the speed of the edges of a target in the picture: its centre, and half of what its size changes by."""
     if before is None or before.found.number != now.found.number:
         return None
     apart_s = now.captured_at_s - before.captured_at_s
@@ -230,7 +230,7 @@ class Perceiver:
         return self._without_size(measured, by_size) if math.isinf(shape.relative_sigma) else measured
 
     def _without_size(self, measured: Measurement, by_size: Measurement) -> Measurement:
-        """Return what was measured without the size, and learn that; or that nothing was."""
+        """Return the measurement made without the size, and learn that; or that nothing was."""
         if measured.distance_m is None or not math.isfinite(measured.sigma_m or math.inf):
             return measured if measured.distance_m is None else unmeasured(measured)
         self._larger[measured.target] = measured.distance_m / (by_size.distance_m or math.inf)
@@ -248,7 +248,7 @@ class Perceiver:
 
 
 def _kinds_of(detectors: Mapping[str, Detector]) -> tuple[Several, ...]:
-    """Return what looks for each kind of which there are several: the names with one and the same detector."""
+    """Find the detectors of each kind of which there are several: the names with one and the same detector."""
     names: dict[int, list[str]] = {}
     for name, detector in detectors.items():
         names.setdefault(id(detector), []).append(name)

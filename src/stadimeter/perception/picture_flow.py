@@ -1,4 +1,4 @@
-"""How far the blocks of the picture have moved: cheap, and not fooled by noise or by a clock that is drawn over it.
+"""Motion of the blocks of the picture: cheap, and not fooled by noise or by a clock that is drawn over it.
 
 The picture is reduced to 160 pixels across and divided into blocks. Of each block two things are estimated, and both
 from products of two different pictures, so that noise, which is new in each, has no part in their mean:
@@ -146,7 +146,7 @@ class FlowMeter:
         self._memory: _Memory | None = None
 
     def measure(self, frame: Frame, lens: CameraModel) -> PictureFlow:
-        """Return how far a picture has moved since earlier ones, and remember it.
+        """Measure how far a picture has moved since earlier ones, and remember it.
 
         Args:
             lens: The camera model at the frame's resolution.
@@ -269,7 +269,7 @@ def _reduce(frame: Frame) -> Image:
 
 
 def _slide(then: Plane, now: Plane) -> tuple[float, float]:
-    """Return how far a picture has moved as a whole, right and down: by the peak of the phase correlation."""
+    """Return the motion of a picture as a whole, right and down: by the peak of the phase correlation."""
     (x_px, y_px), _ = cv2.phaseCorrelate(then, now, _window(*now.shape))
     return x_px, y_px
 

@@ -1,4 +1,4 @@
-"""Where targets are expected in the next frame: predictions from their tracks.
+"""Expected places of targets in the next frame: predictions from their tracks.
 
 A prediction must be quick and honest about its uncertainty, not clever: what is not found there is looked for in the
 whole picture. The distance goes on as the track has it. The direction goes on as it changed between the last two
@@ -79,7 +79,7 @@ class Expectations:
 
 
 class AngularMotion(Struct, frozen=True, kw_only=True):
-    """How the direction of a target changes."""
+    """The change of the direction of a target."""
 
     at_s: float  # the capture time of its last sighting
     bearing_rad: float
@@ -193,7 +193,7 @@ def bring_to_time(track: Track, at_s: float, unseen_max_s: float = UNSEEN_MAX_S)
 
 
 def loose_radps(distance_m: float) -> float:
-    """Return how fast the direction of a target changes of which nothing is known, as a standard deviation."""
+    """Return the speed of the direction of a target of which nothing is known, as a standard deviation."""
     return math.hypot(LATERAL_MPS / max(distance_m, 1e-6), TURN_RADPS)
 
 

@@ -54,7 +54,7 @@ TOGETHER, TOGETHER_AND_SIZE = "by two cameras", "by two cameras and its size"
 
 
 class _Whereabouts(Struct, frozen=True, eq=False):
-    """Where a target is in the left camera's frame when the first picture was taken, and was when the second one was.
+    """The place of a target in the left camera's frame when the first picture was taken, and when the second one was.
 
     Attributes:
         moved_m: By how much it may have moved otherwise, as a standard deviation.

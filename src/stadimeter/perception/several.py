@@ -149,7 +149,7 @@ class Several:
         return {slot.name: scan.answer(index, at_s) for index, slot in enumerate(slots)}
 
     def _is_due(self, at_s: float, expected: Sequence[Prediction | None]) -> bool:
-        """Return whether the whole frame is to be searched; in time of capture, as for a single target."""
+        """Check whether the whole frame is to be searched; in time of capture, as for a single target."""
         every_s = FREE_EVERY_S if None in expected else SEARCH_EVERY_S
         return not 0 <= at_s - self._searched_at_s < every_s or not any(expected)
 
@@ -256,7 +256,7 @@ class _Scan:
             self._of[index] = which
 
     def has_lost_one(self) -> bool:
-        """Return whether a member that is followed or new is gone: not found, nor behind another one, nor cut off."""
+        """Check whether a member that is followed or new is gone: not found, nor behind another one, nor cut off."""
         return any(
             (slot.is_followed or slot.is_new)
             and self._of[index] is None
@@ -281,7 +281,7 @@ class _Scan:
                 self._of[slot] = which
 
     def answer(self, index: int, at_s: float) -> Detection:
-        """Return what was found of a slot's member, or why it was not."""
+        """Report what was found of a slot's member, or why it was not."""
         slot, which = self._slots[index], self._of[index]
         if which is not None:
             slot.take(self._found[which], at_s)

@@ -49,7 +49,7 @@ class SphereCone(Struct, frozen=True, kw_only=True, eq=False):
     sine_share: float
 
     def distance_m(self, radius_m: float) -> float:
-        """Return how far away the centre of a sphere of a radius is."""
+        """Return the distance of the centre of a sphere of a radius."""
         return radius_m / self.sine
 
     @property
@@ -252,7 +252,7 @@ class BallShape(Struct, frozen=True, kw_only=True):
         return Reading(position_m=(x * straight_m, y * straight_m, z * straight_m), noise_share=noise_share)
 
     def _depth_m(self, apparent: float) -> float:
-        """Return how deep the centre lies, from the smaller diameter of the outline.
+        """Return the depth of the centre, from the smaller diameter of the outline.
 
         The rays that graze a ball touch it nearer than its centre, so plain similar triangles read too near, by 0.5 %
         at five diameters and 5.7 % at one and a half. With P the smaller diameter of the elliptical outline, wherever

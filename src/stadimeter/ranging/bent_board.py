@@ -26,7 +26,7 @@ _F_MIN = 5.5
 
 
 def ways_to_bend(boards: Sequence[Values]) -> list[Values]:
-    """Return how much each corner rises, for bends along the board, across it and of its corners, shape ``(n, 3)``.
+    """Return the rise of each corner, for bends along the board, across it and of its corners, shape ``(n, 3)``.
 
     The board is one; pictures may show a part of it. A bend of 1 raises the ends of its longer side by 1.
 
@@ -86,6 +86,6 @@ def _squares(boards: Sequence[PlacedBoard], lens: Values) -> float:
 
 
 def distances_px(board: PlacedBoard, lens: Values) -> Values:
-    """Return how far each corner was seen from where it should be, shape ``(n,)``."""
+    """Measure how far each corner was seen from where it should be, shape ``(n,)``."""
     there_px, _ = cv2.projectPoints(board.board_m, board.turn, board.shift, camera_matrix(lens), lens[4:])
     return np.asarray(np.linalg.norm(board.corners_px - np.asarray(there_px).reshape(-1, 2), axis=1))

@@ -55,7 +55,7 @@ class BoardView(Struct, frozen=True, kw_only=True, eq=False):
 
 
 class ViewError(Struct, frozen=True, kw_only=True):
-    """How well one picture fits the camera model."""
+    """The fit of one picture to the camera model."""
 
     picture: str
     corners: int
@@ -66,7 +66,7 @@ class ViewError(Struct, frozen=True, kw_only=True):
 
     @property
     def was_left_out(self) -> bool:
-        """Whether the picture was left out."""
+        """True if the picture was left out."""
         return bool(self.why_left_out)
 
 
@@ -203,7 +203,7 @@ def _drop_outliers(
 
 
 def outlier_limit_px(view_rms_px: Values) -> float:
-    """Return how badly a view may fit: far from the median, both in standard deviations and in proportion."""
+    """Return the worst fit a view may have: far from the median, both in standard deviations and in proportion."""
     median = float(np.median(view_rms_px))
     sigma = 1.4826 * float(np.median(np.abs(view_rms_px - median)))
     return max(median + _OUTLIER_MADS * sigma, _OUTLIER_MEDIANS * median)
@@ -223,7 +223,7 @@ def _fit(views: Sequence[BoardView], shape: tuple[int, int]) -> _LensFit:
 
 
 def _is_lens(fit: _LensFit, shape: tuple[int, int]) -> bool:
-    """Return whether the lens can be one: it does not fold the picture."""
+    """Check whether the lens can be one: it does not fold the picture."""
     try:
         _lens(fit, shape)
     except CalibrationError:

@@ -101,7 +101,7 @@ def fit_focal_length(estimates: Sequence[FocalEstimate]) -> FocalFit:
 
 
 def edge_bias_sigma_px(estimates: Sequence[FocalEstimate]) -> float:
-    """Return how well pictures tell the edge bias, before it is known whether they agree; infinite if they do not."""
+    """Estimate how well pictures tell the edge bias, before it is known whether they agree; infinite if they do not."""
     _, weights = _columns(estimates)
     per_bias = np.array([each.per_bias for each in estimates])
     mean = float(np.average(per_bias, weights=weights))
@@ -143,7 +143,7 @@ class KnownDistance(Struct, frozen=True, kw_only=True):
 
     @property
     def is_usable(self) -> bool:
-        """Whether the target was found whole, or perhaps, and a person says that it is it."""
+        """True if the target was found whole, or perhaps, and a person says that it is it."""
         return self.detection.is_whole if self.is_confirmed else self.detection.status is DetectionStatus.FOUND
 
 
@@ -350,12 +350,12 @@ def off_axis_rad(known: KnownDistance, model: CameraModel) -> float:
 
 
 def tape_share(off_axis_rad: float) -> float:
-    """Return how uncertain it is which way the tape was held: half of what straight line and depth differ by."""
+    """Return the uncertainty of which way the tape was held: half of what straight line and depth differ by."""
     return (1 / math.cos(off_axis_rad) - 1) / 2
 
 
 def _lasting_share(known: Sequence[KnownDistance], model: CameraModel) -> float:
-    """Return what all pictures have in common, such as an error of the target's size; more pictures do not help."""
+    """Return the share common to all pictures, such as an error of the target's size; more pictures do not help."""
     return max(depth_shares(each, model)[1] for each in known)
 
 

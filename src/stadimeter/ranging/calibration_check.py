@@ -1,4 +1,4 @@
-"""Whether pictures at known distances agree: with each other on one focal length, and with a camera model.
+"""Agreement of pictures at known distances: with each other on one focal length, and with a camera model.
 
 Each picture gives a focal length, sure to within how well its distance and its edges are known (see
 `stadimeter.ranging.calibration`). An edge bias makes those of small, far targets differ from those of large, near ones.
@@ -130,13 +130,13 @@ def _compare(
 
 
 def _offset_m(near_m: float, near: FocalEstimate, far_m: float, far: FocalEstimate) -> float:
-    """Return what would have to be added to both depths for equal focal lengths, which grow as F_i·(d_i + x)/d_i."""
+    """Return the offset to add to both depths for equal focal lengths, which grow as F_i·(d_i + x)/d_i."""
     slope_px = near.focal_px / near_m - far.focal_px / far_m
     return (far.focal_px - near.focal_px) / slope_px if slope_px else math.inf
 
 
 class DistanceError(Struct, frozen=True, kw_only=True):
-    """How wrong the distance of one picture is."""
+    """The error of the distance of one picture."""
 
     picture: str
     depth_m: float
@@ -151,12 +151,12 @@ class DistanceError(Struct, frozen=True, kw_only=True):
 
     @property
     def is_outside(self) -> bool:
-        """Whether the error is more than the standard deviation allows."""
+        """True if the error is more than the standard deviation allows."""
         return abs(self.sigmas) > PICTURE_LIMIT_SIGMAS
 
 
 class CalibrationCheck(Struct, frozen=True, kw_only=True):
-    """How well a camera model measures new pictures of known distance."""
+    """The accuracy of a camera model on new pictures of known distance."""
 
     pictures: tuple[DistanceError, ...]  # one for each picture, in their order
     bias_share: float  # the mean error, as a share of the distance
@@ -164,12 +164,12 @@ class CalibrationCheck(Struct, frozen=True, kw_only=True):
 
     @property
     def bias_is_outside(self) -> bool:
-        """Whether the mean error is more than its standard deviation allows."""
+        """True if the mean error is more than its standard deviation allows."""
         return abs(self.bias_share) > MEAN_LIMIT_SIGMAS * self.bias_sigma_share
 
     @property
     def is_sound(self) -> bool:
-        """Whether all errors are within what the standard deviations allow."""
+        """True if all errors are within what the standard deviations allow."""
         return not (self.bias_is_outside or any(each.is_outside for each in self.pictures))
 
 

@@ -1,4 +1,4 @@
-"""Where the camera is, from tags whose places are known: one estimate from all corners, with its covariance.
+"""The place of the camera, from tags whose places are known: one estimate from all corners, with its covariance.
 
 Each tag has two poses that its corners allow, mirrored about the line of sight; each of them puts the camera somewhere.
 From there Gauss and Newton's method leads to the camera's pose that explains all corners of all tags best. Of two such
@@ -58,13 +58,13 @@ SKEW = np.array(((0, 0, 0, 0, 0, -1, 0, 1, 0), (0, 0, 1, 0, 0, 0, -1, 0, 0), (0,
 
 
 class ExpectedPose(NamedTuple):
-    """What is known of the camera's pose before a picture: it chooses between mirrored poses and does nothing else."""
+    """The camera's pose as known before a picture: it chooses between mirrored poses and does nothing else."""
 
     viewpoint: Viewpoint
     before: CameraPose | None = None  # the last pose that was known
 
     def misfit(self, fit: _Fit, at_s: float) -> float:
-        """Return how far a pose is from what is expected, as a chi-square."""
+        """Return the misfit of a pose to what is expected, as a chi-square."""
         square = 0.0
         if self.viewpoint.height_m is not None:
             off_m = fit.position_m[2] - self.viewpoint.height_m
@@ -172,7 +172,7 @@ def _matrix(pose: CameraPose) -> Values:
 
 
 def _linearise(views: LandmarkViews, position_m: Values, turn: Values) -> _Linear | None:
-    """Return how far off corners are, and how they change; None where one is not in front of the camera."""
+    """Return the errors of corners, and how they change; None where one is not in front of the camera."""
     rays_m = views.corners_m - position_m
     x, y, depth = (rays_m @ turn).transpose(2, 0, 1)
     if not (depth > 0).all():
@@ -320,7 +320,7 @@ def _contradicts(fit: _Fit) -> bool:
 
 
 def _limit(freedom: int, sigmas: float) -> float:
-    """Return what a chi-square is below, but for a number of standard deviations (Wilson and Hilferty, 1931)."""
+    """Return the limit a chi-square is below, but for a number of standard deviations (Wilson and Hilferty, 1931)."""
     share = 2 / (9 * freedom)
     return freedom * (1 - share + sigmas * math.sqrt(share)) ** 3
 

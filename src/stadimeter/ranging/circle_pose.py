@@ -1,4 +1,4 @@
-"""Where a circle of known size is, from the ellipse that it is seen as.
+"""The place of a circle of known size, from the ellipse that it is seen as.
 
 The rays to the rim of a circle form an elliptical cone ``d' Q d = 0``. A circle of that size cuts out of the cone in
 two ways, mirrored about the cone's axis (R. Safaee-Rad et al., "Three-dimensional location estimation of circular

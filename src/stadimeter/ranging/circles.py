@@ -106,7 +106,7 @@ class _Pose(NamedTuple):
         return self._replace(turn=np.column_stack((turn[:, :2], -turn[:, 2])))
 
     def off(self, rims: Points, spacing_m: float) -> Values:
-        """Return how far rays, ``(3, n, 3)``, are outside of the ellipses as this pose has them, per unit of depth."""
+        """Measure how far rays, ``(3, n, 3)``, are outside of the ellipses as this pose has them, per unit of depth."""
         # A point X, Y of the plane is seen at H (X, Y, 1); a circle C of the plane as the conic H⁻ᵀ C H⁻¹.
         back = np.linalg.inv(np.column_stack((self.turn[:, :2], self.centre_m)))
         on_plane = rims @ back.T

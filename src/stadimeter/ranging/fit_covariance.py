@@ -1,4 +1,4 @@
-"""How well a calibration with boards determines all parameters of a lens together.
+"""Covariance of all parameters of a lens together, as a calibration with boards determines them.
 
 The inverse of the fit's normal matrix is the covariance of its parameters, if every corner errs by itself (R. Hartley
 and A. Zisserman, "Multiple View Geometry", section 5.2). Of each board only its own pose is unknown besides; it is
@@ -68,7 +68,7 @@ def corner_variance_px2(
 
 
 def without_poses(boards: Sequence[PlacedBoard], lens: Values) -> tuple[list[Values], list[Values]]:
-    """Return how corners move with lens and bends while each board's pose makes up for what it can, and how far off.
+    """Return motions of corners with lens and bends while each board's pose makes up for what it can, and how far off.
 
     The columns are the eight or nine parameters of the lens that are fitted, and then the bends.
     """

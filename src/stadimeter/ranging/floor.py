@@ -1,4 +1,4 @@
-"""How far away a target is that stands on the floor, from where its foot appears: no size is needed for that.
+"""The distance of a target that stands on the floor, from where its foot appears: no size is needed for that.
 
 With the camera at the height h, looking up by the angle t, the vertical points down along ``(0, cos t, -sin t)`` in the
 camera frame. A ray ``(x, y, 1)`` falls by ``q = y cos t - sin t`` and goes ``l = hypot(x, cos t + y sin t)`` along the
@@ -94,7 +94,7 @@ class _Sight(NamedTuple):
 
 
 class _Cause(NamedTuple):
-    """How one cause moves both inverse distances, by one standard deviation, as shares of that by the size."""
+    """The motion of both inverse distances by one cause, by one standard deviation, as shares of that by the size."""
 
     of_floor: float
     of_size: float
@@ -102,7 +102,7 @@ class _Cause(NamedTuple):
 
 
 def _fall(ray: Ray, tilt_rad: float) -> tuple[float, float, float]:
-    """Return how far a ray falls and goes along the floor, and how long it is, per unit of depth."""
+    """Return the fall of a ray, its way along the floor, and its length, per unit of depth."""
     (x, y), cosine, sine = ray, math.cos(tilt_rad), math.sin(tilt_rad)
     return y * cosine - sine, math.hypot(x, cosine + y * sine), math.sqrt(1 + x * x + y * y)
 

@@ -1,4 +1,4 @@
-"""How high a camera is above the floor and how far it is tilted, from a rectangle of known sides that lies on it."""
+"""Height of a camera above the floor and its tilt, from a rectangle of known sides that lies on it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NOT_FLAT_PX = 0.1
 
 
 class CameraAboveFloor(Struct, frozen=True, kw_only=True):
-    """Where a camera is above the floor, with the standard deviations of its height and tilt.
+    """The place of a camera above the floor, with the standard deviations of its height and tilt.
 
     Attributes:
         tilt_rad: How far it looks up from level.
@@ -70,7 +70,7 @@ def camera_above(found: Detection, shape: SheetShape | TagShape, camera: CameraM
 
 
 def mean_of(views: Sequence[CameraAboveFloor]) -> CameraAboveFloor:
-    """Return what several pictures say together. Their ± is that of the best one, and how far they differ.
+    """Return the mean of several pictures. Their ± is that of the best one, and how far they differ.
 
     Errors of the lens and of the size are the same in all of them, so more pictures do not make these smaller.
     """

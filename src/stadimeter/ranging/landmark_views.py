@@ -72,7 +72,7 @@ def views_of(seen: Sequence[SeenLandmark], landmarks: Landmarks, camera: CameraM
 
 
 def _moved_by_sides(corners_px: Values) -> tuple[Values, Values]:
-    """Return how corners, shape (n, 4, 2), move when a side moves out by a pixel, and when it turns about its middle.
+    """Return the motion of corners, shape (n, 4, 2), as a side moves out by a pixel, and as it turns about its middle.
 
     A corner is where two sides meet: when one moves, it slides along the other. Shapes (n, 8, 4).
     """
@@ -90,7 +90,7 @@ def _moved_by_sides(corners_px: Values) -> tuple[Values, Values]:
 
 
 def _of_lens(corners_px: Values, camera: CameraModel) -> Values:
-    """Return how directions change with each part of the lens that is unsure by itself, by a standard deviation."""
+    """Return the change of directions with each part of the lens that is unsure by itself, by a standard deviation."""
     slopes = camera.sensitivities(corners_px.reshape(-1, 2))[:, 1:]
     if camera.uncertainty is None:  # only the share by which both focal lengths may be wrong is known
         both = slopes[:, :, 0] * camera.fx_px + slopes[:, :, 1] * camera.fy_px

@@ -1,4 +1,4 @@
-"""Where a flat rectangle is and how it is turned, from its four corners: both poses that its picture may have.
+"""The place of a flat rectangle and its turn, from its four corners: both poses that its picture may have.
 
 The poses come in closed form from T. Collins and A. Bartoli, "Infinitesimal plane-based pose estimation", International
 Journal of Computer Vision 109, 2014: the homography from the plane to the picture, and its derivatives at the plane's
@@ -41,7 +41,7 @@ class PlanePose(NamedTuple):
 
 
 def linearise(pose: PlanePose, corners_m: Seen, seen: Seen) -> tuple[Values, Values] | None:
-    """Return how seen corners change with a small turn about the camera's axes and a shift, and how far off they are.
+    """Return the change of seen corners with a small turn about the camera's axes and a shift, and their errors.
 
     The shapes are ``(2 n, 6)`` and ``(2 n,)``, per unit of depth. None where a corner is not in front of the camera.
     """
@@ -151,7 +151,7 @@ class RectanglePose(NamedTuple):
 
 
 class _Middle(NamedTuple):
-    """Where the middle of a rectangle appears, and how that changes per metre to its right and towards its top."""
+    """The place at which a rectangle's middle appears, and its change per metre to its right and towards its top."""
 
     x: float
     y: float
@@ -178,7 +178,7 @@ def rectangle_poses(half_width_m: float, half_height_m: float, seen: Seen) -> li
 def misfit(
     right: Sequence[float], up: Sequence[float], position_m: Sequence[float], corners_m: Seen, seen: Seen
 ) -> float:
-    """Return how far corners appear from where a pose has them, root mean square of x and y per unit of depth.
+    """Measure how far corners appear from where a pose has them, root mean square of x and y per unit of depth.
 
     Infinite for a corner that is not in front of the camera. `corners_m` are in the plane, x and y first; `right` is
     the plane's x axis in the camera frame.
@@ -328,7 +328,7 @@ def doubt_share(poses: tuple[RectanglePose, ...], corner_sigma: float) -> float:
 
 
 def distance_share(pose: RectanglePose, corners_m: Points, corner_sigma: float) -> float:
-    """Return how unsure the distance is because corners are, by propagation through the pose's least squares fit.
+    """Return the uncertainty of the distance from that of corners, by propagation through the pose's least squares fit.
 
     The inverse of the normal matrix is the covariance of the pose (R. Hartley and A. Zisserman, "Multiple View
     Geometry", section 5.2). Where the tilt is poorly determined, a sheet that faces the camera looks tilted, so nearer,
@@ -363,7 +363,7 @@ def nearest_pose(pose: RectanglePose, corners_m: Seen, seen: Seen) -> RectangleP
 
 
 def _probability(other: RectanglePose, best: RectanglePose, corner_sigma: float) -> float:
-    """Return how probable the other pose is, if corners err normally: 1/2 at most."""
+    """Return the probability of the other pose, if corners err normally: 1/2 at most."""
     # Misfits are root mean squares over eight coordinates: times 8 they are sums, over σ² chi-squares; half their
     # difference is that of the log-likelihoods.
     worse = max(other.misfit**2 - best.misfit**2, 0.0) * COORDINATES / max(corner_sigma, 1e-12) ** 2

@@ -1,4 +1,4 @@
-"""How far two targets are apart that are seen in one picture."""
+"""The distance between two targets that are seen in one picture."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def direction_sigma_px(detection: Detection) -> float:
 
 
 def separation(one: SeenTarget, other: SeenTarget, camera: CameraModel) -> Separation | None:
-    """Return how far apart two targets are; None unless both were measured.
+    """Return the distance between two targets; None unless both were measured.
 
     Errors of the lens and, for two targets of one size, of that size are the same in both positions, and cancel for the
     most part. Each target's noise and doubt about its pose move it along its own line of sight; the noise of its centre
@@ -90,7 +90,7 @@ def _of_lens_m2(first_m: Values, second_m: Values, along: Values, camera: Camera
 
 
 def moved_by_lens(position_m: Values, camera: CameraModel) -> Values:
-    """Return how a position changes with each parameter of the lens, shape (3, 9)."""
+    """Return the change of a position with each parameter of the lens, shape (3, 9)."""
     x, y = position_m[:2] / position_m[2]
     of_distance, of_x, of_y = camera.sensitivities(np.array([camera.pixel(x, y)]))[0]
     square = 1 + x * x + y * y

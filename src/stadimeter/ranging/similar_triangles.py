@@ -68,7 +68,7 @@ class Expectation(Struct, frozen=True, kw_only=True):
 
     @property
     def is_reliable(self) -> bool:
-        """Whether the target is large enough to be found at all times."""
+        """True if the target is large enough to be found at all times."""
         return self.size_px >= RELIABLE_PX
 
 
@@ -92,6 +92,6 @@ def expect(shape: TargetShape, camera: CameraModel, distance_m: float) -> Expect
 
 
 def farthest_m(shape: TargetShape, camera: CameraModel, size_px: float = RELIABLE_PX) -> float:
-    """Return how far away a target may be to appear no smaller than a size, through a camera of that resolution."""
+    """Return the farthest a target may be to appear no smaller than a size, through a camera of that resolution."""
     flat_m = math.sqrt(camera.fx_px * camera.fy_px) * shape.shortest_m / size_px
     return math.hypot(flat_m, shape.limb_radius_m)

@@ -1,4 +1,4 @@
-"""How right distances are at one place: from a target at taped distances, by weighted least squares.
+"""Accuracy of distances at one place: from a target at taped distances, by weighted least squares.
 
 A target is put at some distances D_i that a tape gives, and at each of them its distance is measured for some seconds.
 The readings y_i are taken to be wrong like this:
@@ -70,7 +70,7 @@ MAX_BEYOND = 3.0
 
 
 class Placement(Struct, frozen=True, kw_only=True):
-    """What was seen of a target at one taped distance. The figures are 0 where it was not seen often enough.
+    """The sightings of a target at one taped distance. The figures are 0 where it was not seen often enough.
 
     Attributes:
         tape_m: By the tape: from the lens to the target's nearest point.
@@ -110,7 +110,7 @@ class Placement(Struct, frozen=True, kw_only=True):
 
     @property
     def is_read(self) -> bool:
-        """Whether it was seen often enough to say where it is."""
+        """True if it was seen often enough to say where it is."""
         return self.found >= max(MIN_READINGS, MIN_FOUND_SHARE * self.frames)
 
 
@@ -157,7 +157,7 @@ def read_placement(placed: Placement, seen: Sequence[Measurement], edge_sigma_px
 
 
 def _independent(around: Values) -> float:
-    """Return how many independent readings say as much as these, of which neighbours may be alike.
+    """Return the number of independent readings that say as much as these, of which neighbours may be alike.
 
     For noise whose correlation falls by the same factor r from one frame to the next it is n (1 - r) / (1 + r). The
     estimate of r is too small by (1 + 3 r) / n (M. G. Kendall, Biometrika 41, 1954).
@@ -169,7 +169,7 @@ def _independent(around: Values) -> float:
 
 
 class SiteFit(Struct, frozen=True, kw_only=True):
-    """What is wrong with the distances of a site, and how sure that is.
+    """The errors of the distances of a site, and how sure they are.
 
     Attributes:
         scale: The share by which distances are too long.
@@ -207,7 +207,7 @@ class SiteFit(Struct, frozen=True, kw_only=True):
 
 
 def fit_site(placements: Sequence[Placement]) -> SiteFit:
-    """Return what is wrong with the distances, from placements that are all read.
+    """Find what is wrong with the distances, from placements that are all read.
 
     Raises:
         CalibrationError: There are too few, or they are too near to each other.
@@ -266,7 +266,7 @@ def further_place_m(placements: Sequence[Placement], fit: SiteFit, places_m: Seq
 
 
 class Reach(Struct, frozen=True, kw_only=True):
-    """How far distances can be relied on.
+    """The range in which distances can be relied on.
 
     Attributes:
         nearest_m: The nearest distance: 0, or the nearest placement that was seen if it was not seen at a nearer one.
@@ -282,14 +282,14 @@ class Reach(Struct, frozen=True, kw_only=True):
 
 
 def noise_at_m(placements: Sequence[Placement], distance_m: float) -> float:
-    """Return how one reading scatters at a distance: as at the placements around it, by the square of the distance."""
+    """Return the scatter of one reading at a distance: as at placements around it, by the square of the distance."""
     read = sorted((each.true_m, each.noise_m / each.true_m**2) for each in placements if each.is_read)
     places_m, per_m = zip(*read, strict=True)
     return float(np.interp(distance_m, places_m, per_m)) * distance_m**2
 
 
 def find_reach(placements: Sequence[Placement], fit: SiteFit) -> Reach:
-    """Return how far the error stays within `RELIABLE_SHARE` and the target is seen in `RELIABLE_RATE` of frames."""
+    """Find how far the error stays within `RELIABLE_SHARE` and the target is seen in `RELIABLE_RATE` of frames."""
     places_m, rates = zip(*sorted((each.true_m, each.found / each.frames) for each in placements), strict=True)
     read_m = [each.true_m for each in placements if each.is_read]
     # Beyond the farthest placement it appears smaller in proportion, down to what detectors find.

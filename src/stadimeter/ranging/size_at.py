@@ -1,4 +1,4 @@
-"""How large what is seen is, if its distance is known: similar triangles the other way round.
+"""The size of what is seen, if its distance is known: similar triangles the other way round.
 
 What appears P large per unit of depth, at the depth Z, is ``W = P Z`` large. Errors of the focal length and of the
 distance change it by the same share, and the edges by the share of what they are off.
@@ -42,7 +42,7 @@ class SizeAt(Struct, frozen=True, kw_only=True):
 def size_at(
     measured: Measurement, parts: SigmaParts, shape: TargetShape, is_upright: bool, at: tuple[float, float]
 ) -> SizeAt | None:
-    """Return how large a target is, whatever size it is taken for; None if it was not measured.
+    """Return the size of a target, whatever size it is taken for; None if it was not measured.
 
     The distance that is measured is in proportion to the size that it is taken for, at any tilt and anywhere in the
     picture. So the true size is as many times that one as the true distance is that which was measured.
@@ -64,7 +64,7 @@ def size_at(
 
 
 def box_size_at(box: DrawnBox, camera: CameraModel, at: tuple[float, float]) -> SizeAt:
-    """Return how large what fills a box is, if it faces the camera, square to the optical axis.
+    """Return the size of what fills a box, if it faces the camera, square to the optical axis.
 
     Args:
         camera: The camera model at the picture's resolution.

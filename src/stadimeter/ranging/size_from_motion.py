@@ -82,7 +82,7 @@ SHOWN_SIGMAS = 2.0
 
 
 class StepErrors(Struct, frozen=True, kw_only=True):
-    """How well the camera's steps are known: standard deviations.
+    """The uncertainty of the camera's steps: standard deviations.
 
     Attributes:
         scale_share: Of what is wrong with all steps alike, such as a wheel's circumference, as a share of them.
@@ -99,7 +99,7 @@ class StepErrors(Struct, frozen=True, kw_only=True):
 
 
 class StepView(Struct, frozen=True, kw_only=True):
-    """Where a target is seen after a step, with an assumed size.
+    """The place a target is seen at after a step, with an assumed size.
 
     Attributes:
         moved_m: How far the camera has moved since the first picture: x right, y down, z in the direction that is
@@ -259,7 +259,7 @@ class _Steps:
         return _SizeFit(float(unknowns[0]), gain[0], residuals.reshape(-1, 3), misfit_sigmas, step_sigmas)
 
     def _worst_step(self, residuals: Values, weights: Values, explained: Values) -> float:
-        """Return how far the step that fits worst is off, in standard deviations: see the module.
+        """Return the distance that the step that fits worst is off, in standard deviations: see the module.
 
         Args:
             weights: The inverse of the covariance.
@@ -301,7 +301,7 @@ class _Steps:
 
     @property
     def way_m(self) -> float:
-        """How far the places are apart."""
+        """The distance between the places."""
         return float(np.linalg.norm(np.ptp(self.moves, axis=0)))
 
 
@@ -319,7 +319,7 @@ def _noise_m2(view: StepView) -> Values:
 
 
 def _turned_m2(position_m: Values, turn_rad: float) -> Values:
-    """Return how a position is moved by turns of the camera about each axis, as a covariance.
+    """Return the motion of a position by turns of the camera about each axis, as a covariance.
 
     They move it across the line of sight, and off it by the share 1 - cos, whose standard deviation for turns about two
     axes is the square of theirs.

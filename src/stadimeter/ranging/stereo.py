@@ -1,4 +1,4 @@
-"""Where a target is, from two pictures of it that two cameras took at one time: by triangulation, and by its size too.
+"""Place of a target, from two pictures of it that two cameras took at one time: by triangulation, and by size too.
 
 Each picture gives rays: to the four corners of a sheet or a tag, to the centre of a ball or a disc. The two rays to one
 point nearly meet; the point is put half way between where they come nearest (R. Hartley and P. Sturm, "Triangulation",
@@ -54,7 +54,7 @@ _PARALLEL = 1e-12
 
 
 class StereoFigures(Struct, frozen=True, kw_only=True):
-    """What two cameras say of a target, before it is joined.
+    """The figures of two cameras for a target, before it is joined.
 
     Attributes:
         distance_m: By triangulation alone, from the left camera to the target's centre.
@@ -229,7 +229,7 @@ def _triangulate_sights(one: _LineOfSight, other: _LineOfSight, rig: StereoRig) 
 
 
 def straight_ahead_share(rig: StereoRig, distance_m: float) -> float:
-    """Return how sure the cameras alone make a distance straight ahead of both: a standard deviation, as a share."""
+    """Return the error of the cameras alone at a distance straight ahead of both: a standard deviation, as a share."""
     rotation = np.asarray(cv2.Rodrigues(np.array(rig.turn_rad))[0])
     there_m = np.array(rig.place_m) / 2 + (0.0, 0.0, distance_m)
     seen = there_m, (there_m - rig.place_m) @ rotation

@@ -1,4 +1,4 @@
-"""Where a second camera is beside the first one, from pairs of pictures of a board that both took at one time.
+"""The place of a second camera beside the first one, from pairs of pictures of a board that both took at one time.
 
 Each camera is calibrated by itself first. Each pair then says where the right camera is; the one that explains the
 other pairs best, by the median of their errors, is where the fit begins (least median of squares, P. Rousseeuw, 1984),
@@ -57,7 +57,7 @@ class PairView(Struct, frozen=True, kw_only=True, eq=False):
 
 
 class PairError(Struct, frozen=True, kw_only=True):
-    """How well one pair fits.
+    """The fit of one pair.
 
     Attributes:
         rms_px: The reprojection error over both pictures, with one pose of the board for both.
@@ -98,7 +98,7 @@ class _System(Struct, frozen=True, eq=False):
     off_px: Values
 
     def without_board(self) -> tuple[Values, Values]:
-        """Return what no pose of the board can make up for: the Schur complement by projection, as for one camera."""
+        """Return the part no pose of the board makes up for: the Schur complement by projection, as for one camera."""
         of_board, _ = np.linalg.qr(self.board)
         both = np.column_stack((self.shared, self.off_px))
         both = np.asarray(both - of_board @ (of_board.T @ both))

@@ -38,7 +38,7 @@ class UprightShape(FlatShape, Struct, frozen=True, kw_only=True):
 
     @property
     def label(self) -> str:
-        """What is known of it."""
+        """A description of what is known of it."""
         article = "an" if self.known == "eye_distance" else "a"
         return f"thing with {article} {self.known.replace('_', ' ')} of {self.length_m:g} m"
 

@@ -1,4 +1,4 @@
-"""How a camera has turned and zoomed between two views of things that stand still.
+"""Turn and zoom of a camera between two views of things that stand still.
 
 A camera that turns about its lens moves each direction d = (x, y) to the projection of R (x, y, 1), whatever the
 distance of what is seen there; one whose focal length grows by a factor multiplies directions by it. The three angles
@@ -40,7 +40,7 @@ CORRELATION_FACTOR = 2.0
 
 
 class ViewMotion(Struct, frozen=True, kw_only=True):
-    """How the camera has moved between two views.
+    """The motion of the camera between two views.
 
     Attributes:
         pan_rad: How far it turned to the right, or its principal point moved to the left.
@@ -64,7 +64,7 @@ class ViewMotion(Struct, frozen=True, kw_only=True):
         return _moved(directions / (1 + self.zoom), back)
 
     def in_words(self) -> str:
-        """Return what moved by how much, with standard deviations."""
+        """Describe what moved by how much, with standard deviations."""
         angles = zip(("pan", "tilt", "roll"), (self.pan_rad, self.tilt_rad, self.roll_rad), self.sigmas, strict=False)
         turned = (f"{name} {math.degrees(by):+.2f}° ± {about(math.degrees(sigma))}°" for name, by, sigma in angles)
         zoom = f"zoom {self.zoom:+.2%} ± {about(100 * self.sigmas[3])}%"
@@ -87,7 +87,7 @@ class ViewMotion(Struct, frozen=True, kw_only=True):
 def fit_view_motion(
     before: Directions, now: Directions, focal_px: float, min_inliers: int
 ) -> tuple[ViewMotion, NDArray[np.bool_]] | None:
-    """Return how the camera moved and which matches agree; None if fewer than `min_inliers` do.
+    """Find how the camera moved and which matches agree; None if fewer than `min_inliers` do.
 
     Args:
         before: Directions of matched features in the earlier view, shape (n, 2).
@@ -134,7 +134,7 @@ def _moved(directions: Directions, by: NDArray[np.float64]) -> Directions:
 
 
 def _slopes(at: Directions) -> NDArray[np.float64]:
-    """Return how directions change with three angles and the logarithm of the zoom, shape (n, 2, 4)."""
+    """Return the change of directions with three angles and the logarithm of the zoom, shape (n, 2, 4)."""
     x, y = at.T
     along = (-x * y, 1 + x**2, -y, x), (-(1 + y**2), x * y, x, y)
     return np.stack([np.stack(each, axis=-1) for each in along], axis=1)

@@ -39,7 +39,7 @@ class HcSr04Options(DriverOptions):
     """In metres; what is further away counts as nothing."""
 
     def lacks(self) -> tuple[str, ...]:
-        """Return what this computer lacks to use pins. No pin is touched."""
+        """List what this computer lacks to use pins. No pin is touched."""
         return pins_lack()
 
     def build(self, context: DriverContext) -> HcSr04:

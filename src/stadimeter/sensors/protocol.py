@@ -8,7 +8,7 @@ from msgspec import Struct
 
 
 class Echo(Struct, frozen=True, kw_only=True):
-    """What a range sensor has measured once.
+    """A single measurement of a range sensor.
 
     Attributes:
         at_s: When, on the run's monotonic clock.

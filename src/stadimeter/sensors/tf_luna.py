@@ -43,7 +43,7 @@ class RangeFrame(Struct, frozen=True, kw_only=True):
 
     @property
     def is_reliable(self) -> bool:
-        """Whether enough light came back, and not too much."""
+        """True if enough light came back, and not too much."""
         return MIN_STRENGTH <= self.strength < MAX_STRENGTH and self.distance_m > 0
 
 

@@ -51,7 +51,7 @@ class SimulatedActuator:
 
     @property
     def is_open(self) -> bool:
-        """Whether it is open."""
+        """True if it is open."""
         return self._is_open
 
     def open(self) -> None:

@@ -90,7 +90,7 @@ class SimulatedBase:
         self._check_link()
 
     def report(self) -> BaseReport | None:
-        """Return how far the wheels have rolled, and whether the bumper is pressed; None before the base is open."""
+        """Report how far the wheels have rolled, and whether the bumper is pressed; None before the base is open."""
         if not self._is_open:
             return None
         robot = self._world.robot

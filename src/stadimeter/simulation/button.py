@@ -57,7 +57,7 @@ class SimulatedButton:
             self._began_s = self._clock.now_s()
 
     def is_pressed(self) -> bool:
-        """Return whether it is down."""
+        """Check whether it is down."""
         if not self.is_open or self._began_s is None:
             raise DeviceClosedError(f"the simulated button '{self._name}' is not open")
         since_s = self._clock.now_s() - self._began_s

@@ -81,7 +81,7 @@ class Room:
         self._panorama = panorama[:, np.arange(self._turn_px + self._view_px) % self._turn_px]
 
     def view(self, heading_rad: float, _place_m: tuple[float, float] = (0.0, 0.0), _tilt_rad: float = 0.0) -> Image:
-        """Return what the level camera sees at a heading, counter-clockwise from east, as a new picture, blue first."""
+        """Draw what the level camera sees at a heading, counter-clockwise from east, as a new picture, blue first."""
         first = (round(-heading_rad / (2 * math.pi) * self._turn_px) + self._left_px) % self._turn_px
         window = self._panorama[:, first : first + self._view_px]
         return np.asarray(cv2.remap(window, *self._maps, cv2.INTER_LINEAR), np.uint8)
@@ -297,7 +297,7 @@ class SimulatedCamera:
 
     @property
     def shows_own_motion(self) -> bool:
-        """Whether it draws a room in true perspective: the backdrop does not come nearer."""
+        """True if it draws a room in true perspective: the backdrop does not come nearer."""
         return self._noise is not None and self._room != "backdrop"
 
     def open(self) -> None:

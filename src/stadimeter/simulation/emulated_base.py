@@ -1,4 +1,4 @@
-"""What the emulated firmware of every base shares: its wheels, its time-out, and its place in the simulated world.
+"""Parts that the emulated firmware of every base shares: wheels, time-out, and its place in the simulated world.
 
 An emulator is one file: a class derived from `EmulatedFirmware`, and one derived from `EmulatedBoardOptions` that names
 it, with its entry ``emulated-…`` in ``stadimeter.ports``.
@@ -86,7 +86,7 @@ class EmulatedFirmware:
         raise NotImplementedError(f"{type(self).__name__} takes no bytes")
 
     def _unasked(self) -> bytes:
-        """Return what the board sends by itself by now."""
+        """Return the bytes the board sends by itself by now."""
         return b""
 
     def _drive(self, left_mps: float, right_mps: float) -> None:

@@ -111,7 +111,7 @@ class EmulatedPort:
             self._folder.cleanup()
 
     def _carried(self, data: bytes, now_s: float) -> bytes:
-        """Return what has come through to the board by now."""
+        """Return the bytes that have come through to the board by now."""
         self.waiting += data
         count = len(self.waiting)
         if self.bytes_a_second < math.inf:
@@ -151,7 +151,7 @@ class _Cable:
         self.host_path = os.ttyname(self._host_fd)
 
     def read(self) -> bytes:
-        """Return what the host has sent, which may be nothing."""
+        """Read the bytes that the host has sent, which may be none."""
         try:
             return os.read(self._board_fd, _MAX_BYTES_PER_READ)
         except BlockingIOError:

@@ -63,7 +63,7 @@ class HBridgeMotors:
         return self._enable is None or self._level(self._enable) > _HIGH
 
     def _duty(self, motor: MotorOutputs) -> float:
-        """Return how strongly a motor is driven, -1 to 1, as an average over the pulses."""
+        """Return the strength at which a motor is driven, -1 to 1, as an average over the pulses."""
         if not self._is_enabled():
             return 0.0
         strength = 1.0 if motor.pwm is None else self._level(motor.pwm)

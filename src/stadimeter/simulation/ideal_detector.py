@@ -30,7 +30,7 @@ _CIRCLE: Points = np.stack((np.cos(_ANGLES), np.sin(_ANGLES)), axis=1)
 
 
 class IdealDetectorOptions(DriverOptions):
-    """What the table of an ideal detector may hold."""
+    """The options that the table of an ideal detector may hold."""
 
     needs_world: ClassVar = True
     needs_pixels: ClassVar = False
@@ -130,7 +130,7 @@ class IdealDetector:
 
 
 def _is_in_view(model: CameraModel, ball_m: Vector, radius_m: float) -> bool:
-    """Return whether the picture shows any of the ball: whether its ray that comes nearest to the ball hits it."""
+    """Check whether the picture shows any of the ball: whether its ray that comes nearest to the ball hits it."""
     x, y, z = ball_m
     if z <= 0:
         return False

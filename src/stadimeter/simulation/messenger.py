@@ -36,7 +36,7 @@ class Sent(Struct, Generic[ItemT], frozen=True, kw_only=True):
 
 
 class Outbox(Generic[ItemT]):
-    """What was delivered, and what waits for the other side. It is delivered when it is next used after that is back.
+    """The items delivered, and those waiting for the other side: delivered at the next use after that is back.
 
     Attributes:
         given_up: How many were given up: pushed out of the queue, or past their time.
@@ -55,7 +55,7 @@ class Outbox(Generic[ItemT]):
 
     @abstractmethod
     def is_away(self) -> bool:
-        """Return whether the other side is away now."""
+        """Check whether the other side is away now."""
 
     def _expires_s(self, item: ItemT) -> float | None:  # noqa: ARG002 - what expires says so
         """Return for how long something may wait; None for ever."""
@@ -67,7 +67,7 @@ class Outbox(Generic[ItemT]):
 
     @property
     def sent(self) -> tuple[Sent[ItemT], ...]:
-        """What was delivered, oldest first. Bounded: the oldest is forgotten."""
+        """The items delivered, oldest first. Bounded: the oldest is forgotten."""
         self._deliver()
         return tuple(self._sent)
 
@@ -76,7 +76,7 @@ class Outbox(Generic[ItemT]):
         self._is_open = True
 
     def undelivered(self) -> tuple[ItemT, ...]:
-        """Return what waits for the other side, oldest first."""
+        """List what waits for the other side, oldest first."""
         return tuple(item for _, item in tuple(self._waiting))  # copied first: the loop goes on meanwhile
 
     def trouble(self) -> str:
@@ -142,7 +142,7 @@ class SimulatedMessenger(Outbox[Message]):
         self._world = shared_world(context)
 
     def is_away(self) -> bool:
-        """Return whether the broker is gone."""
+        """Check whether the broker is gone."""
         return self._world.faults.broker_gone
 
     def _expires_s(self, item: Message) -> float | None:

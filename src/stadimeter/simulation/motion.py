@@ -1,4 +1,4 @@
-"""How things move in the simulated world: a robot on two driven wheels, and a ball on a path or in a hand."""
+"""Motion of things in the simulated world: a robot on two driven wheels, and a ball on a path or in a hand."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ class Ball:
         self._rounds.append(_Round(time_s, made_for, pose))
 
     def path_s(self, time_s: float) -> float:
-        """Return how long it is on its path at a time."""
+        """Return the time it is on its path at a time."""
         return max(0.0, time_s - self._round_at(time_s).start_s)
 
     def position_m(self, time_s: float) -> tuple[float, float, float]:
@@ -274,7 +274,7 @@ class _HandMove(Struct, frozen=True):
 
 
 class Hand:
-    """Where the ball is, by its path and by hand. Like everything in the world, a function of time.
+    """The place of the ball, by its path and by hand. Like everything in the world, a function of time.
 
     Args:
         path: Returns where the ball is on its path at a time.
@@ -286,7 +286,7 @@ class Hand:
 
     @property
     def holds(self) -> bool:
-        """Whether it holds the ball away from its path now."""
+        """True while it holds the ball away from its path."""
         return bool(self._moves) and self._moves[-1].place is not None
 
     def put(self, place: tuple[float, float] | None, now_s: float) -> None:

@@ -29,7 +29,7 @@ class SimulatedNotifier(Outbox[Notification]):
         self.is_gone = False
 
     def is_away(self) -> bool:
-        """Return whether the service is away."""
+        """Check whether the service is away."""
         return self.is_gone
 
     def notify(self, notification: Notification) -> None:

@@ -50,7 +50,7 @@ class Pca9685Chip:
             self._move_on()
 
     def give(self, count: int) -> bytes:
-        """Return what a read transfer gets; the registers of all channels at once read as 0."""
+        """Return the bytes a read transfer gets; the registers of all channels at once read as 0."""
         given = bytearray()
         for _ in range(count):
             is_readable = not _ALL_0 <= self._pointer < _PRESCALE

@@ -50,7 +50,7 @@ class SimulatedRangeSensor:
         self._is_open = True
 
     def read(self) -> Echo | None:
-        """Return how far the surface of the ball is, if it is within the beam and shown."""
+        """Measure how far the surface of the ball is, if it is within the beam and shown."""
         if not self._is_open:
             raise DeviceClosedError(f"the simulated sensor '{self._name}' is not open")
         if self._world.faults.sensors_silent:

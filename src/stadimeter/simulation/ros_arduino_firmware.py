@@ -87,7 +87,7 @@ class RosArduinoFirmware(EmulatedFirmware):
 
     @property
     def hung(self) -> bool:
-        """Whether an argument was too long. The emulated board then hangs with its motors as they are."""
+        """True if an argument was too long. The emulated board then hangs with its motors as they are."""
         return self._line.overrun
 
     def step(self, now_s: float) -> None:

@@ -96,7 +96,7 @@ def _extent(sideways_m: float, z_m: float, radius_m: float) -> tuple[float, floa
 
 
 def hits(direction: tuple[float, float], centre_m: Vector, radius_m: float) -> bool:
-    """Return whether a ray, x and y per unit of depth, hits a ball in the camera frame, the limb included."""
+    """Check whether a ray, x and y per unit of depth, hits a ball in the camera frame, the limb included."""
     (u, v), (x, y, z) = direction, centre_m
     ahead = u * x + v * y + z
     return ahead > 0 and ahead * ahead >= (u * u + v * v + 1) * (x * x + y * y + z * z - radius_m * radius_m)
@@ -152,7 +152,7 @@ def _cast(
     centre_m: Vector,
     radius_m: float,
 ) -> tuple[Plane, Plane]:
-    """Return how much of each sample the ball covers, and how brightly it shines there.
+    """Return the share of each sample that the ball covers, and how brightly it shines there.
 
     A ray hits where ``g = (d·c)² - |d|² (|c|² - r²)`` is positive. That is a polynomial in the ray's x and y; it is
     developed around the middle of the silhouette, so that single precision is enough however far the ball is.

@@ -49,7 +49,7 @@ class TexturedRoom:
         self._camera_height_m = camera_height_m
 
     def view(self, heading_rad: float, place_m: tuple[float, float] = (0.0, 0.0), tilt_rad: float = 0.0) -> Image:
-        """Return what the camera sees from a place, as a new picture, blue first.
+        """Draw what the camera sees from a place, as a new picture, blue first.
 
         Args:
             heading_rad: Where it looks, counter-clockwise from east.

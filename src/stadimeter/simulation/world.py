@@ -39,7 +39,7 @@ class StoryLine(OptionsTable):
     """It is said only while the ball is further from the camera than this; else the line before it."""
 
     def fits(self, distance_m: float) -> bool:
-        """Return whether what it says is so with the ball at a distance from the camera."""
+        """Check whether what it says is so with the ball at a distance from the camera."""
         is_near_enough = self.nearer is None or distance_m < self.nearer
         return is_near_enough and (self.beyond is None or distance_m > self.beyond)
 
@@ -107,7 +107,7 @@ class Narrator:
         distance_m: float = 0.0,
         is_by_hand: bool = False,
     ) -> str:
-        """Return what is said at a time.
+        """Return the words that are said at a time.
 
         Args:
             faults: The kinds of what is wrong at that time, `OUT_OF_SIGHT` among them.
@@ -382,7 +382,7 @@ class World:
                 self.ball.begin_anew(time_s, self._start, self.robot.pose_at(time_s))
 
     def _is_in_sight(self, time_s: float) -> bool:
-        """Return whether the whole ball is where the camera looks, hidden or not."""
+        """Check whether the whole ball is where the camera looks, hidden or not."""
         if self._model is None:
             return True
         x_m, y_m, z_m = self.target_in_camera(time_s)
@@ -410,7 +410,7 @@ class World:
         }
 
     def goes_wrong(self, fault: str) -> bool:
-        """Return whether a fault of this `FaultKind` is there now."""
+        """Check whether a fault of this `FaultKind` is there now."""
         return bool(getattr(self.faults, KNOBS[FaultKind(fault)]))
 
     def toggle(self, fault: str) -> None:

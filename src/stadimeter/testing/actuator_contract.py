@@ -58,7 +58,7 @@ class ActuatorRig(OutputRig[Actuator], frozen=True, kw_only=True):
         return self.apply(1.0)
 
     def rests(self) -> bool:
-        """Return whether the device is off."""
+        """Check whether the device is off."""
         return self.output() == 0.0
 
     def outputs(self, seconds: float, each_tick: Callable[[], object] = lambda: None) -> list[float]:
@@ -158,7 +158,7 @@ class ActuatorContract(OutputContract):
     @each_example
     @given(level=levels)
     def test_every_level_gives_a_level(self, make_rig: MakeRig, level: float) -> None:
-        """What was applied is a level again, for `LevelCommand` refuses anything else, and 0 rests."""
+        """The level that was applied is a level again, for `LevelCommand` refuses anything else, and 0 rests."""
         rig = make_rig()
         rig.device.open()
         assert 0.0 <= rig.apply(level).level <= 1.0

@@ -54,7 +54,7 @@ class BaseRig(OutputRig[MobileBase], frozen=True, kw_only=True):
         return self.drive(0.2, 0.0)
 
     def rests(self) -> bool:
-        """Return whether the robot really stands."""
+        """Check whether the robot really stands."""
         linear_mps, angular_radps = self.motion()
         return abs(linear_mps) < STANDING_MPS and abs(angular_radps) < STANDING_RADPS
 

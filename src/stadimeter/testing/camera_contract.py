@@ -1,4 +1,4 @@
-"""What every camera must do. Subclass `CameraContract` with a fixture ``make_rig``, and pytest runs it all.
+"""The contract of every camera. Subclass `CameraContract` with a fixture ``make_rig``, and pytest runs it all.
 
 ::
 
@@ -125,7 +125,7 @@ class CameraContract(Contract):
         assert held() == 0, "closing left the device taken"
 
     def test_opening_an_open_camera_takes_the_device_once(self, rig: CameraRig) -> None:
-        """What the first `open` took is let go, and one `close` is enough."""
+        """The device that the first `open` took is let go, and one `close` is enough."""
         held = _held(rig)
         rig.camera.open()
         rig.camera.open()

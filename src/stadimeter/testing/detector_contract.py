@@ -1,4 +1,4 @@
-"""What every detector must do. Subclass `DetectorContract` with a fixture ``make_rig``, and pytest runs it all.
+"""The contract of every detector. Subclass `DetectorContract` with a fixture ``make_rig``, and pytest runs it all.
 
 ::
 
@@ -201,7 +201,7 @@ class DetectorContract(Contract):
         rig.check_distance(rig.detect(rig.whole, rig.target.prediction), rig.whole, rig.target)
 
     def test_a_wrong_prediction_hides_nothing(self, rig: DetectorRig) -> None:
-        """What is not where it was expected is looked for in the whole frame."""
+        """A target that is not where it was expected is looked for in the whole frame."""
         for change in WRONG_PREDICTIONS:
             prediction = replace(rig.target.prediction, **change)
             rig.check_distance(rig.detect(rig.whole, prediction), rig.whole, rig.target)

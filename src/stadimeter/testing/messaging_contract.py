@@ -39,7 +39,7 @@ class DeliveryRig(Rig[SenderT], frozen=True, kw_only=True):
 
     @abstractmethod
     def item(self, text: str, severity: Severity = Severity.INFO) -> Message | Notification:
-        """Return what must arrive, with a text in it."""
+        """Return the item that must arrive, with a text in it."""
 
     @abstractmethod
     def send(self, text: str, severity: Severity = Severity.INFO) -> None:
@@ -47,7 +47,7 @@ class DeliveryRig(Rig[SenderT], frozen=True, kw_only=True):
 
     @abstractmethod
     def arrived(self, *texts: str) -> bool:
-        """Return whether exactly these texts reached the other side, in this order."""
+        """Check whether exactly these texts reached the other side, in this order."""
 
 
 class MessengerRig(DeliveryRig[Messenger], frozen=True, kw_only=True):
@@ -71,7 +71,7 @@ class MessengerRig(DeliveryRig[Messenger], frozen=True, kw_only=True):
         self.timed("publish", Message(topic="contract/state", payload=text))
 
     def arrived(self, *texts: str) -> bool:
-        """Return whether exactly these payloads, in this order, reached the contract's topics."""
+        """Check whether exactly these payloads, in this order, reached the contract's topics."""
         return [payload for topic, payload in self.delivered() if topic.startswith("contract/")] == list(texts)
 
 
@@ -91,7 +91,7 @@ class NotifierRig(DeliveryRig[Notifier], frozen=True, kw_only=True):
         self.timed("notify", self.item(text, severity))
 
     def arrived(self, *texts: str) -> bool:
-        """Return whether exactly these texts reached the service, in this order."""
+        """Check whether exactly these texts reached the service, in this order."""
         return [body for _, body in self.delivered()] == list(texts)
 
 
@@ -206,7 +206,7 @@ class DeliveryContract(Contract):
         rig.eventually(lambda: sender.undelivered() == ())
 
     def test_more_than_fits_is_given_up_and_counted(self, rig: DeliveryRig[Any], sender: Any) -> None:
-        """What gives way is the oldest, of what matters least, that is not on its way; never what is about safety."""
+        """The oldest that is not on its way, of what matters least, gives way; never what is about safety."""
         rig.begin(GONE)
         sender.open()
         rig.send("on its way")

@@ -89,7 +89,7 @@ class OutputContract(Contract):
             rig.device.close()
 
     def test_it_can_be_opened_again(self, opened: AnyRig) -> None:
-        """What it did before is forgotten, and it works."""
+        """Everything it did before is forgotten, and it works."""
         opened.act()
         opened.device.close()
         opened.device.open()

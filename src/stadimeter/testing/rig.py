@@ -196,14 +196,14 @@ class OutputRig(Rig[DeviceT], frozen=True, kw_only=True):
 
     @abstractmethod
     def rests(self) -> bool:
-        """Return whether the device is off or stands, seen on the wire."""
+        """Check whether the device is off or stands, seen on the wire."""
 
     @abstractmethod
     def act(self) -> Command:
         """Command something that is plain to see on the wire, and return what was applied."""
 
     def comes_to_rest(self) -> bool:
-        """Return whether the device rests after the time that it may take, without any call of the driver."""
+        """Check whether the device rests after the time that it may take, without any call of the driver."""
         self.clock.advance_s(self.settles_s)
         return self.rests()
 
@@ -220,7 +220,7 @@ class OutputRig(Rig[DeviceT], frozen=True, kw_only=True):
 
 
 class Contract:
-    """What every contract suite begins with: rigs of the driver under test."""
+    """The base of every contract suite: rigs of the driver under test."""
 
     @pytest.fixture
     def make_rig(self) -> Callable[[], Any]:

@@ -45,7 +45,7 @@ class SensorRig(Rig[RangeSensor], frozen=True, kw_only=True):
         return echo
 
     def sees(self, distance_m: float) -> bool:
-        """Return whether the newest echo agrees with a distance within three standard deviations."""
+        """Check whether the newest echo agrees with a distance within three standard deviations."""
         echo = self.read()
         if echo is None or math.isinf(distance_m) or math.isinf(echo.distance_m):
             return echo is not None and echo.distance_m == distance_m

@@ -74,12 +74,12 @@ class WatchedPins:
         self._other_program = _OtherProgram()
 
     def state(self, pin: int) -> float:
-        """Return what a pin does, from 0, low, to 1, high; for one that was let go, what it did then."""
+        """Return the state of a pin, from 0, low, to 1, high; for one that was let go, what it did then."""
         watched = self._factory.pin(pin)
         return float(watched.state if watched.released is None else watched.released)
 
     def is_held(self) -> bool:
-        """Return whether a driver has reserved any pin or drives one."""
+        """Check whether a driver has reserved any pin or drives one."""
         reservations = self._factory._reservations.values()  # noqa: SLF001 - gpiozero has no other way to ask
         holders = [reference() for references in reservations for reference in references]
         reserved = any(holder not in {None, self._other_program} for holder in holders)
@@ -103,7 +103,7 @@ class WatchedPins:
 
 
 def is_locked(path: str) -> bool:
-    """Return whether some program holds the serial port at ``path`` for itself alone."""
+    """Check whether some program holds the serial port at ``path`` for itself alone."""
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except FileNotFoundError:

@@ -91,7 +91,7 @@ class RunWatch:
         return f"the program hung with an output acting on data older than {self._limit_s:g} s, and was killed"
 
     def waits_until_gone(self, within_s: float) -> bool:
-        """Return whether the run is gone, or is within so long."""
+        """Check whether the run is gone, or is within so long."""
         return bool(select.select([self._process], [], [], within_s)[0])
 
     def _hear(self) -> bool:

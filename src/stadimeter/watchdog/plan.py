@@ -1,4 +1,4 @@
-"""What makes every output safe: a list of lines, read with suspicion.
+"""A plan that makes every output safe: a list of lines, read with suspicion.
 
 Root reads such a list that another user's program has written, so nothing more is taken from it than this:
 
@@ -32,7 +32,7 @@ _OF_EDITORS = b"\0\xfe\xff\xef\xbb\xbf"
 
 
 class SafePlan:
-    """What to do to which output.
+    """A plan of what to do to which output.
 
     Attributes:
         pins: By number, whether the level at which it is off is high.
@@ -54,7 +54,7 @@ class SafePlan:
             self.complaints[COMPLAINTS_MAX:] = [f"and so on, for {more} more lines"]
 
     def __bool__(self) -> bool:
-        """Return whether there is anything to do."""
+        """Check whether there is anything to do."""
         return bool(self.pins or self.serial or self.i2c)
 
     def _read(self, line: str) -> None:
@@ -99,7 +99,7 @@ class SafePlan:
             self.i2c.append((at_bus, at, found))
 
     def _is_new(self, name: str, line: tuple[str, ...]) -> bool:
-        """Return whether a line on a port or bus is the first of its kind, and there is room for it."""
+        """Check whether a line on a port or bus is the first of its kind, and there is room for it."""
         if line in self._stops:
             return False
         self._stops.add(line)

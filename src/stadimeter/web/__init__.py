@@ -6,7 +6,7 @@ import sys
 
 
 def python(module: str) -> list[str]:
-    """Return what runs a module of ours in a process of its own, by the interpreter and the libraries that we have.
+    """Return the command that runs a module of ours as a process, by this interpreter and its libraries.
 
     With ``-P`` no module is taken from the folder that we happen to be in.
     """

@@ -1,4 +1,4 @@
-"""Who may what: hosts that we are known by, sessions in signed cookies, and requests that come from a page of ours."""
+"""Rights of access: hosts that we are known by, sessions in signed cookies, and requests from a page of ours."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Access:
 
     @property
     def needs_password(self) -> bool:
-        """Whether anyone must log in."""
+        """True if everyone must log in."""
         return not self._is_local or self.file.passwords() is not None
 
     def check_host(self, scope: Scope) -> None:
@@ -86,7 +86,7 @@ class Access:
         raise PageError(400, "unknown-host", words if name else "a request names one host")
 
     def right_of(self, scope: Scope) -> Right:
-        """Return what the sender of a request may do."""
+        """Return the right that the sender of a request has."""
         passwords = self.file.passwords()
         if passwords is None:
             return Right.OPERATE if self._is_local else Right.OPEN
@@ -97,7 +97,7 @@ class Access:
         return Right.OPEN if session is None else session.right
 
     def may_read(self, scope: Scope) -> bool:
-        """Return whether the reader of a stream may still read: it may have begun before that right ended."""
+        """Check whether the reader of a stream may still read: it may have begun before that right ended."""
         try:
             return self.right_of(scope) >= Right.READ
         except PageError:
@@ -118,7 +118,7 @@ class Access:
             raise PageError(403, "wrong-origin", "this comes from another origin, and only the page itself may ask it")
 
     async def log_in(self, password: str, address: str) -> tuple[Passwords, Right]:
-        """Return what a password opens; `PageError` if it is wrong, or was tried too often."""
+        """Check a password and return what it opens; `PageError` if it is wrong, or was tried too often."""
         passwords = self.file.passwords()
         if passwords is None:
             raise PageError(503, "no-passwords", "no password is set: `stadimeter web --set-password` sets one")
@@ -207,7 +207,7 @@ class AccessGuard:
 
 
 def is_loopback(address: str) -> bool:
-    """Return whether an address leads to this computer alone."""
+    """Check whether an address leads to this computer alone."""
     try:
         return ip_address(address).is_loopback
     except ValueError:
@@ -236,7 +236,7 @@ def _host_name(host: str) -> str:
 
 
 def _is_address_of_ours(name: str, scope: Scope) -> bool:
-    """Return whether it is an address, and the one that the connection came in at, or of the loopback."""
+    """Check whether it is an address, and the one that the connection came in at, or of the loopback."""
     try:
         given = ip_address(name)
     except ValueError:

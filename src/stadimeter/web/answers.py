@@ -29,7 +29,7 @@ def as_json(data: Any, status: int = 200) -> Response:
 
 
 def as_picture(answer: PageAnswer, media: str) -> Response:
-    """Return what is attached to an answer, and its data in a header."""
+    """Return the attachment of an answer, and its data in a header."""
     values = quote(json.dumps(answer.data, separators=(",", ":")), safe="")
     return Response(answer.attached, media_type=media, headers={VALUES: values})
 

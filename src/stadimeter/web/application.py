@@ -57,7 +57,7 @@ def _handed_on(page: Page, operation: PageOperation) -> _Endpoint:
 
 
 async def _args(request: Request, operation: PageOperation) -> dict[str, Any]:
-    """Return what is handed on: of the body, of the query, and of the path, which has the last word."""
+    """Return the arguments that are handed on: of the body, of the query, and of the path, which has the last word."""
     args = {**await _body(request, operation), **_query(request, operation), **request.path_params}
     if "ago_s" in args:
         args["at_unix_s"] = time.time() - args.pop("ago_s")

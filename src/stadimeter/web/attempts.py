@@ -1,4 +1,4 @@
-"""How often a password may be tried: few times in a row from one address, and few times a minute in all."""
+"""Limits on how often a password may be tried: few times in a row from one address, and few times a minute in all."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Attempts:
         self._paid_until_s = 0.0
 
     def knows(self, address: str) -> bool:
-        """Return whether an operator has logged in from there: attempts from elsewhere do not hold them up."""
+        """Check whether an operator has logged in from there: attempts from elsewhere do not hold them up."""
         return network_of(address) in self._known
 
     def begin(self, address: str) -> float:
@@ -98,7 +98,7 @@ class Attempts:
 
 
 def network_of(address: str) -> str:
-    """Return what one computer may have of addresses: of version 6, any of its network."""
+    """Return the range of addresses that one computer may have: of version 6, any of its network."""
     try:
         found = ip_address(address.partition("%")[0])
     except ValueError:

@@ -1,4 +1,4 @@
-"""What the links to the run and to the workbench share: one question and its answer, and the end of a process."""
+"""The common part of the links to the run and the workbench: a question and its answer, the end of a process."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _OF_THE_FRAMING = frozenset({"transaction", "status", "error", "code", "bytes", 
 
 
 class PageAnswer(Struct, frozen=True):
-    """What a run or the workbench answered, and the bytes that belong to it, such as a picture."""
+    """The answer of a run or the workbench, and the bytes that belong to it, such as a picture."""
 
     data: Any
     attached: bytes = b""

@@ -68,7 +68,7 @@ class History:
                 kept.popleft()
 
     def since(self, number: int) -> dict[str, Any]:
-        """Return what came after the message of a number."""
+        """Return everything that came after the message of a number."""
         return {
             "events": [event for at, event in self._events if at > number],
             "samples": {

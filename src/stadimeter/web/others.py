@@ -38,7 +38,7 @@ _ANNOUNCED = re.compile(r'=;(?:[^;]*;){5}([\w.-]+);[^;]*;(\d+);.*"product=stadim
 
 
 class OtherAlarm(Struct, frozen=True):
-    """What is read of an alarm of another page."""
+    """The parts that are read of an alarm of another page."""
 
     rule: str
     status: str
@@ -127,7 +127,7 @@ class Others:
         self._browse_s = -math.inf if finds else math.inf
 
     def tell(self) -> list[dict[str, Any]]:
-        """Return what is known of each, at once; and ask those whose turn it is."""
+        """List what is known of each, at once; and ask those whose turn it is."""
         now_s = time.monotonic()
         due = [page for page in self._pages.values() if now_s >= page.next_s]
         for page in due:
@@ -158,7 +158,7 @@ def announced(listed: str, ours: str) -> Iterator[str]:
 
 
 def read_tokens(path: Path) -> dict[str, str]:
-    """Return what a file holds: on each line an address and its token; `PageError` says which line is none."""
+    """Read a file of tokens: on each line an address and its token; `PageError` says which line is none."""
     try:
         lines = path.read_text().splitlines()
     except (OSError, ValueError) as error:

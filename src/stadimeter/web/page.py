@@ -1,4 +1,4 @@
-"""What the page's process answers itself: its files, logins, sessions, live snapshots, pictures and downloads."""
+"""Answers that the page's process gives itself: its files, logins, sessions, live snapshots, pictures and downloads."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ mimetypes.add_type("text/javascript", ".js")  # a system's own table may say oth
 
 
 class PageOptions(Struct, frozen=True, kw_only=True):
-    """How the page is served.
+    """Options for serving the page.
 
     Attributes:
         configuration: The file that it is for; it need not be there yet.
@@ -130,7 +130,7 @@ class Page:
         return login_form()
 
     async def login_style(self, _request: Request) -> Response:
-        """How the form looks."""
+        """Return the style sheet of the form."""
         return FileResponse(HERE / "login.css", media_type="text/css", headers=REVALIDATED)
 
     async def login(self, request: Request) -> Response:

@@ -39,7 +39,7 @@ ENDED_MAX = 1000
 
 
 class Passwords(Struct, frozen=True):
-    """What the file holds.
+    """The contents of the file.
 
     Attributes:
         scrypt: The parameters that its hashes were made with.
@@ -54,13 +54,13 @@ class Passwords(Struct, frozen=True):
     hashes: dict[str, bytes]
 
     def right_of(self, password: str) -> Right:
-        """Return what a password opens; `Right.OPEN`, which is nothing, if it is wrong. Takes long on purpose."""
+        """Return the right that a password opens; `Right.OPEN`, nothing, if it is wrong. Takes long on purpose."""
         tried = self.hash_of(password)
         found = [NAMES[name] for name, hashed in self.hashes.items() if hmac.compare_digest(tried, hashed)]
         return max(found, default=Right.OPEN)
 
     def token(self, what: str) -> str:
-        """Return what opens the metrics, or the alarms, alone. Not by the hash that signs cookies: it can be none."""
+        """Return the token that opens only metrics, or alarms. Not by the hash that signs cookies: it can be none."""
         return hmac.new(self.key, what.encode(), hashlib.sha3_256).hexdigest()
 
     def hash_of(self, password: str) -> bytes:
@@ -78,7 +78,7 @@ class PasswordFile:
         self._passwords: Passwords | None = None
 
     def passwords(self) -> Passwords | None:
-        """Return what the file holds; None without a file. `PageError` if it cannot be read: no one may enter then."""
+        """Return the contents of the file; None without one. `PageError` if it cannot be read: no one enters then."""
         try:
             seen = _signature(self.path)
             if seen != self._read_as:
@@ -156,7 +156,7 @@ def replace_file(path: Path, text: str) -> None:
 
 
 class Session(Struct, frozen=True):
-    """What a cookie says: what it opens, until when in seconds since 1970, and which session it is."""
+    """The contents of a cookie: what it opens, until when in seconds since 1970, and which session it is."""
 
     right: Right
     until_s: int
@@ -193,7 +193,7 @@ class EndedSessions:
         self._writing = asyncio.Lock()
 
     def has(self, session: Session) -> bool:
-        """Return whether a session was ended; `PageError` if that cannot be known: none goes on then."""
+        """Check whether a session was ended; `PageError` if that cannot be known: none goes on then."""
         self._read()
         ended = self._of.get(session.right)
         return ended is not None and (session.until_s <= ended.floor_s or session.name in ended.ended)
@@ -221,7 +221,7 @@ class EndedSessions:
 
 
 def _signature(path: Path) -> tuple[int, ...] | None:
-    """Return what changes with a file; None if there is none."""
+    """Return a signature that changes with a file; None if there is none."""
     try:
         found = path.stat()
     except FileNotFoundError:

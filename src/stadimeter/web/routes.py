@@ -22,7 +22,7 @@ Method = Literal["GET", "POST", "PUT", "DELETE"]
 
 
 class Right(IntEnum):
-    """What a path needs. Who may operate may read."""
+    """The right that a path needs. Who may operate may read."""
 
     OPEN = 0
     READ = 1
@@ -62,7 +62,7 @@ class PageOperation(Struct, frozen=True, kw_only=True):
 
     @property
     def changes(self) -> bool:
-        """Whether it may change anything, so that it must come from a page of ours."""
+        """True if it may change anything, so that it must come from a page of ours."""
         return self.method != "GET"
 
 

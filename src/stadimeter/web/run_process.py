@@ -47,7 +47,7 @@ class RunProcess:
 
     @property
     def may_start(self) -> bool:
-        """Whether the page can start a run: not where systemd does, nor beside another's that hangs or begins anew."""
+        """True if the page can start a run: not where systemd does, nor beside another's that hangs or begins anew."""
         return not self._is_of_service and not self._is_anothers_there()
 
     async def start(self) -> Any:
@@ -82,7 +82,7 @@ class RunProcess:
             await end_process(process, process.terminate, END_WAIT_S)
 
     async def about(self) -> dict[str, Any]:
-        """Return what the run says of itself, started here or elsewhere; `PageError` if none answers."""
+        """Return the run's own description, started here or elsewhere; `PageError` if none answers."""
         told: dict[str, Any] = (await self._link.ask("hello")).data
         self._last_pid = told.get("pid", 0)
         return told
@@ -99,7 +99,7 @@ class RunProcess:
         return f"the run (process {self._last_pid}) {words}"
 
     def _is_anothers_there(self) -> bool:
-        """Return whether a run that was not started here exists, and may answer nothing."""
+        """Check whether a run that was not started here exists, and may answer nothing."""
         is_ours = self._process is not None and self._process.pid == self._last_pid
         return not is_ours and _is_run(self._last_pid)
 
@@ -123,13 +123,13 @@ class RunProcess:
 
 
 def _is_of_service(environ: Mapping[str, str]) -> bool:
-    """Return whether systemd has started us; not a desktop's terminal, which is often a service itself."""
+    """Check whether systemd has started us; not a desktop's terminal, which is often a service itself."""
     started = environ.get("SYSTEMD_EXEC_PID")  # as of version 248
     return "INVOCATION_ID" in environ and started in {None, str(os.getpid())}
 
 
 def _is_run(pid: int) -> bool:
-    """Return whether a process is one of ours. One that restarts keeps its number, one that ended has no words."""
+    """Check whether a process is one of ours. One that restarts keeps its number, one that ended has no words."""
     try:
         return b"stadimeter" in Path(f"/proc/{pid}/cmdline").read_bytes()
     except OSError:

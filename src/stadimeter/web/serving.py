@@ -120,7 +120,7 @@ async def _serve(
 
 
 def server_of(page: Page, tls: tuple[Path | None, Path | None] = (None, None)) -> uvicorn.Server:
-    """Return what serves a page, until its ``should_exit`` is set."""
+    """Return a server that serves a page, until its ``should_exit`` is set."""
     certificate, key = tls
     config = uvicorn.Config(
         application(page),

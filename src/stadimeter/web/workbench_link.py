@@ -117,6 +117,6 @@ class WorkbenchLink:
 
 
 def command_of_workbench(configuration: Path, socket: Path | None) -> list[str]:
-    """Return what starts the workbench process of a configuration."""
+    """Return the command that starts the workbench process of a configuration."""
     given = [] if socket is None else [str(socket)]
     return [*python("stadimeter.workbench.server.process"), str(configuration), *given]

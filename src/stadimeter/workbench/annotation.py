@@ -128,13 +128,13 @@ class Box(NamedTuple):
     bottom: int
 
     def meets(self, other: Box) -> bool:
-        """Return whether the two have a pixel in common."""
+        """Check whether the two have a pixel in common."""
         is_beside = self.right <= other.left or other.right <= self.left
         return not (is_beside or self.bottom <= other.top or other.bottom <= self.top)
 
 
 class LabelPlace(NamedTuple):
-    """Where a label goes, and whether nothing that matters is under it."""
+    """A place for a label, and whether nothing that matters is under it."""
 
     box: Box
     is_free: bool
@@ -194,13 +194,13 @@ class LabelRoom:
         return LabelPlace(box, bool(covered[row, column] < TAKEN / 2))
 
     def is_free(self, box: Box) -> bool:
-        """Return whether nothing that matters is under a rectangle."""
+        """Check whether nothing that matters is under a rectangle."""
         rows = slice(max(0, box.top // self._cell_px), math.ceil(box.bottom / self._cell_px))
         columns = slice(max(0, box.left // self._cell_px), math.ceil(box.right / self._cell_px))
         return not (self._cost[rows, columns] >= TAKEN).any()
 
     def _unhandy(self, shape: tuple[int, ...], size: tuple[int, int], near: Box, gap_px: float) -> NDArray[np.float64]:
-        """Return what each place costs for where it is, by row and column of the label's corner."""
+        """Return the cost of each place for where it is, by row and column of the label's corner."""
         tops, lefts = np.arange(shape[0])[:, np.newaxis], np.arange(shape[1])[np.newaxis, :]
         left, top, right, bottom = (each / self._cell_px for each in near)
         gap = gap_px / self._cell_px
@@ -445,7 +445,7 @@ def _labels(
 
 
 def _is_beside(target: Box, label: Box, reach_px: float) -> bool:
-    """Return whether a label is above, below or beside its target's middle, and near it."""
+    """Check whether a label is above, below or beside its target's middle, and near it."""
     across = max(target.left - label.right, label.left - target.right, 0)
     down = max(target.top - label.bottom, label.top - target.bottom, 0)
     is_in_column = 2 * label.left <= target.left + target.right <= 2 * label.right

@@ -79,7 +79,7 @@ def colour_picture(image: Image, view: ColourView, colour: str) -> Image:
 
 
 def range_figures(view: ColourView, ball: Detection) -> dict[str, Any]:
-    """Return what a range gives on a ball and on the rest of a picture, as JSON has it.
+    """Return the figures that a range gives on a ball and on the rest of a picture, as JSON has it.
 
     Args:
         view: What the range shows.
@@ -144,7 +144,7 @@ def colour_sample(frame: Frame, name: str, places: Sequence[str], option: str = 
 
 
 def is_where_pointed(sample: ColourSample, view: ColourView) -> bool:
-    """Return whether a ball is seen, and where the person has pointed."""
+    """Check whether a ball is seen, and where the person has pointed."""
     seen = view.detection
     if seen.status is DetectionStatus.NOT_FOUND:
         return False

@@ -47,7 +47,7 @@ def pdf_of(pages: Sequence[Drawing]) -> bytes:
 
 
 def text_width_m(text: str, size_m: float) -> float:
-    """Return how wide a text is in Helvetica."""
+    """Return the width of a text in Helvetica."""
     known = (ord(character) - 32 for character in text)
     return sum(WIDTHS[code] if 0 <= code < len(WIDTHS) else 556 for code in known) * size_m / 1000
 

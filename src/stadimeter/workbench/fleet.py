@@ -41,7 +41,7 @@ PayloadT = TypeVar("PayloadT")
 
 
 class DeviceInfo(Struct, frozen=True):
-    """What runs on a device; empty for what it does not say."""
+    """The software that runs on a device; empty for what it does not say."""
 
     version: str = ""
     configuration_sha256: str = ""
@@ -100,12 +100,12 @@ class StandingAlarm(Struct, frozen=True, kw_only=True):
 
     @property
     def is_serious(self) -> bool:
-        """Whether it is of severity ``alarm`` or above, and nothing keeps it quiet."""
+        """True if it is of severity ``alarm`` or above, and nothing keeps it quiet."""
         return not self.inhibits and self.severity not in {Severity.INFO, Severity.WARNING}
 
 
 class Device(Struct, kw_only=True):
-    """What is known of a device.
+    """Everything known of a device.
 
     Attributes:
         is_online: What its availability says; None if it has none.
@@ -300,7 +300,7 @@ def troubles(fleet: Fleet, now_s: float) -> list[str]:
 
 
 def age_s(at_s: float | None, now_s: float) -> float | None:
-    """Return how old something is."""
+    """Return the age of something."""
     return None if at_s is None else round(max(0.0, now_s - at_s), 1)
 
 

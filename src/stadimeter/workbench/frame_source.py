@@ -76,7 +76,7 @@ SETTLING_WAIT_S = 5.0
 
 
 class Source(Struct, frozen=True, kw_only=True):
-    """Where the frames come from.
+    """The source of the frames.
 
     Attributes:
         is_live: Whether they come at the camera's own pace; of a recording every frame counts.

@@ -87,7 +87,7 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def note(self) -> str:
-        """What has to be said of it beside the distance; empty for nothing."""
+        """A remark to make of it beside the distance; empty for nothing."""
         return ""
 
     def more(self) -> list[tuple[str, str]]:
@@ -139,7 +139,7 @@ class PictureResult(Struct, frozen=True, kw_only=True, eq=False):
 
 
 def is_video_file(path: Path) -> bool:
-    """Return whether a file is a video, by its name or by how it begins."""
+    """Check whether a file is a video, by its name or by how it begins."""
     return path.suffix.lower() in VIDEO_SUFFIXES or holds_video(path)
 
 
@@ -247,7 +247,7 @@ class Measuring:
         return (detector.detect(frame, lens=lens),)
 
     def between(self, result: PictureResult, names: tuple[str, str]) -> Separation | None:
-        """Return how far two targets of a picture are apart; None unless both were measured in it."""
+        """Measure how far apart two targets of a picture are; None unless both were measured in it."""
         if result.frame is None:
             return None
         seen = {each.measurement.target: each.seen for each in result.targets}

@@ -1,4 +1,4 @@
-"""What pictures say of themselves: whether their colours are sRGB, and how the lens was set.
+"""Statements of pictures about themselves: whether their colours are sRGB, and how the lens was set.
 
 Phones write pictures in Display P3, some cameras in Adobe RGB. Read as sRGB, their hues are turned and their saturation
 is less, so that a range of colours from other pictures may miss the target; and the tone curve of some differs.
@@ -194,7 +194,7 @@ _HEADER_MAX_BYTES = 1 << 18
 
 
 class LensSettings(Struct, frozen=True, kw_only=True):
-    """How the lens was set; None where the picture does not say.
+    """Settings of the lens; None where the picture does not say.
 
     Attributes:
         focal_length_35mm_mm: The focal length that shows as much on a 35 mm film.
@@ -208,7 +208,7 @@ class LensSettings(Struct, frozen=True, kw_only=True):
 
 
 def read_lens_settings(path: Path) -> LensSettings:
-    """Return how a picture says that the lens was set; nothing without good EXIF data."""
+    """Read how a picture says that the lens was set; nothing without good EXIF data."""
     try:
         with open_untrusted(path) as file:
             tiff = _exif_block(file.read(_HEADER_MAX_BYTES))

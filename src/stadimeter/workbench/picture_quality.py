@@ -1,4 +1,4 @@
-"""What is wrong with a picture, before anything is looked for in it: black, dark, clipped, blurred."""
+"""Faults of a picture, found before anything is looked for in it: black, dark, clipped, blurred."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ MAX_EXPOSURE_S = 0.033
 
 
 def picture_remarks(image: Image, exposure_s: float | None = None) -> tuple[str, ...]:
-    """Return what is wrong with a picture, a sentence each, with what to do about it; nothing if it is good.
+    """List what is wrong with a picture, a sentence each, with what to do about it; nothing if it is good.
 
     Args:
         exposure_s: For how long it was exposed, to propose another; None if that is not known.
@@ -93,7 +93,7 @@ def _exposure_hint(now_s: float | None, wanted_s: float | None) -> str:
 
 
 def blur_sigma_px(image: Image) -> float | None:
-    """Return how blurred the sharpest edges are, as the standard deviation of a Gaussian; None without clear edges.
+    """Measure how blurred the sharpest edges are, as the standard deviation of a Gaussian; None without clear edges.
 
     A step of height h that is blurred so has the slope h/(σ·√(2π)) at most. So each clear edge tells its σ by the ratio
     of what the levels around it differ by and its steepest slope.

@@ -74,7 +74,7 @@ class Item(NamedTuple):
 
 
 class _Grid(NamedTuple):
-    """How the items of a page stand on it."""
+    """The layout of the items on a page."""
 
     width_m: float
     height_m: float
@@ -140,7 +140,7 @@ def _label_m(item: Item) -> float:
 
 
 def _largest_share(item: Item, paper: str) -> float:
-    """Return how many times as large as it is an item can be on a paper."""
+    """Find how many times as large as it is an item can be on a paper."""
     shares = []
     for sides in _both_ways(paper):
         across_m, down_m = _room(*sides)

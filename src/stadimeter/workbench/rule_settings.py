@@ -1,4 +1,4 @@
-"""What may be changed of a rule by itself: its thresholds, deadbands and delays, and where each is written in its file.
+"""Parts of a rule that may be changed alone: thresholds, deadbands and delays, and where each is written.
 
 Names follow the keys of `when`, as those of the thresholds that operators set: ``below``, ``between.near``,
 ``closing_speed.above``, ``any.0.deadband``; and ``on_delay`` and ``off_delay``.
@@ -57,7 +57,7 @@ def alarm_named(configuration: Configuration, name: str) -> tuple[CompiledRule, 
 
 
 def settings_of(configuration: Configuration, name: str) -> dict[str, RuleSetting]:
-    """Return what may be changed of an alarm, by name; `ConfigError` if there is no such alarm."""
+    """Return the settings that may be changed of an alarm, by name; `ConfigError` if there is no such alarm."""
     compiled, alarm = alarm_named(configuration, name)
     written = list(next(compiled.conditions()).leaves())
     found = {
@@ -119,7 +119,7 @@ def _deadbands(alarm: AlarmRule, written: list[WrittenCondition]) -> Iterator[tu
 
 
 def _is_comparison(written: WrittenCondition) -> bool:
-    """Return whether it compares two targets: its threshold has one sign in the file and another in the core."""
+    """Check whether it compares two targets: its threshold has one sign in the file and another in the core."""
     return isinstance(written.condition, FigureCondition) and written.condition.is_comparison
 
 

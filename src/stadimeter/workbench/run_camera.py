@@ -117,7 +117,7 @@ def source_beside_run(choice: DriverChoice, configuration: Path, socket: Path | 
 
 
 def is_same_camera(one: DriverChoice, other: DriverChoice) -> bool:
-    """Return whether two tables mean one device. Files are none: any number of programs may read them."""
+    """Check whether two tables mean one device. Files are none: any number of programs may read them."""
     if one.driver != other.driver or one.driver in {"images", "video"}:
         return False
     if one.driver == "opencv":

@@ -41,7 +41,7 @@ _WORDS_MAX = 80
 
 
 class Version(Struct, frozen=True):
-    """What a save replaced.
+    """The files that a save replaced.
 
     Attributes:
         id: Its name: a number and when it was replaced.
@@ -55,7 +55,7 @@ class Version(Struct, frozen=True):
 
     @property
     def number(self) -> int:
-        """How many saves there were before it, and one."""
+        """Number of saves before it, plus one."""
         return int(self.id.partition("-")[0])
 
     @property
@@ -64,7 +64,7 @@ class Version(Struct, frozen=True):
         return datetime.strptime(self.id.partition("-")[2], _STAMP).replace(tzinfo=UTC).timestamp()
 
     def files(self) -> dict[str, Path]:
-        """Return what it holds, by name."""
+        """Return the files that it holds, by name."""
         return {
             file.relative_to(self.folder).as_posix(): file
             for file in sorted(self.folder.rglob("*"))

@@ -54,7 +54,7 @@ def pair_pictures(paths: Sequence[Path]) -> list[PicturePair]:
 
 
 class BoardPairs(Struct, frozen=True, kw_only=True):
-    """What two cameras have seen of a board.
+    """The sightings of a board by two cameras.
 
     Attributes:
         pairs: The pairs of pictures in which it was in both.
@@ -116,11 +116,11 @@ class PairResult(TargetResult, frozen=True, kw_only=True, eq=False):
 
     @property
     def note(self) -> str:
-        """Whether both cameras together disagree with the target's size."""
+        """Disagreement of both cameras together with the target's size, if any."""
         return self.figures.disagreement if self.figures else ""
 
     def more(self) -> list[tuple[str, str]]:
-        """Return what both cameras say together, and what each says by the target's size."""
+        """List what both cameras say together, and what each says by the target's size."""
         if self.figures is None:
             return []
         both = self.figures

@@ -76,7 +76,7 @@ def find_outputs(parts: Iterable[DriverChoice]) -> tuple[WiredPin, ...]:
 
 
 def parts_of(configuration: Configuration) -> tuple[DriverChoice, ...]:
-    """Return what may hang on a pin: the actuators in the order of the file, then the status LED and the buttons."""
+    """List the parts that may hang on a pin: actuators in the order of the file, the status LED and buttons."""
     return (*configuration.driven, *configuration.buttons)
 
 
@@ -121,7 +121,7 @@ def _nearest(what: str, pin: int, used: set[int]) -> int:
 
 
 def _steps(one: int, other: int) -> int:
-    """Return how far apart two pins are: in rows, and a pin across less than a row away."""
+    """Return the distance between two pins: in rows, and a pin across less than a row away."""
     return 2 * abs((one - 1) // 2 - (other - 1) // 2) + (one + other) % 2
 
 
@@ -146,7 +146,7 @@ def header_labels(outputs: Sequence[WiredPin]) -> dict[int, tuple[str, ...]]:
 
 
 def pin_name(pin: int) -> str:
-    """Return what a pin of the header is, such as ``GPIO 18``."""
+    """Name a pin of the header, such as ``GPIO 18``."""
     what = HEADER[pin - 1]
     return f"GPIO {what}" if isinstance(what, int) else what
 
@@ -179,7 +179,7 @@ def _header(outputs: Sequence[WiredPin], width: int) -> Iterator[str]:
 
 
 def _label(pin: int, labels: dict[int, tuple[str, ...]], room: int) -> str:
-    """Return what a pin is and what hangs on it, cut where it is too long; on the left side the pin comes last."""
+    """Name a pin and what hangs on it, cut where it is too long; on the left side the pin comes last."""
     if pin not in labels:
         return pin_name(pin)
     names = ", ".join(labels[pin])

@@ -132,7 +132,7 @@ class BlackBox:
         self._recorder.note_reload(now_s, configuration)
 
     def trouble(self) -> str:
-        """Return what is wrong with the memory, or with the newest clip; empty if nothing is."""
+        """Describe the trouble with the memory, or with the newest clip; empty if there is none."""
         slow = "pictures are left out, since this computer is too slow" if self._left_out else ""
         words = self._recorder.failure or self._memory.trouble() or slow
         return f"black box: {words}" if words else ""

@@ -1,4 +1,4 @@
-"""How answers look on a control socket, and on the pipe of the workbench process: a line of JSON, and bytes behind it.
+"""The form of answers on a control socket and the pipe of the workbench process: a line of JSON, and bytes behind it.
 
 A line says with ``"bytes": N`` that N raw bytes follow it, such as a picture: base64 would cost a third more, and time.
 """
@@ -32,7 +32,7 @@ def encode_line(answer: Mapping[str, Any], attached_bytes: int = 0, data: str = 
 
 
 def attached_bytes(answer: Mapping[str, Any]) -> int:
-    """Return how many bytes follow a line; `ValueError` if that is no number of bytes that may follow."""
+    """Return the number of bytes that follow a line; `ValueError` if that is no number of bytes that may follow."""
     size = answer.get("bytes", 0)
     if not isinstance(size, int) or isinstance(size, bool) or not 0 <= size <= BYTES_MAX:
         raise ValueError(f"{size!r} bytes cannot follow a line")

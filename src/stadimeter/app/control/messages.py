@@ -1,4 +1,4 @@
-"""What may be asked of a running instance: one JSON object a line, and one line of JSON in answer.
+"""The requests that a running instance takes: one JSON object a line, and one line of JSON in answer.
 
 ::
 
@@ -49,7 +49,7 @@ class NoArgs(_Strict):
 
 
 class RuleArgs(_Strict):
-    """What concerns a rule, and who wants it."""
+    """The rule that a request concerns, and who wants it."""
 
     rule: _Name = ""
     """The rule; empty for every rule that it applies to."""
@@ -60,7 +60,7 @@ class RuleArgs(_Strict):
 
 
 class ShelveArgs(RuleArgs):
-    """How to shelve a rule."""
+    """The way to shelve a rule."""
 
     for_s: Annotated[float, Field(gt=0, le=MAX_DURATION_S, strict=False)] | None = None
     """For how long; None for as long as the rule allows."""
@@ -69,7 +69,7 @@ class ShelveArgs(RuleArgs):
 
 
 class KeyArgs(RuleArgs):
-    """Which threshold of a rule."""
+    """A threshold of a rule."""
 
     key: _Name = ""
     """Its name, such as ``below``; empty for the only one, or to withdraw every one."""
@@ -85,7 +85,7 @@ def _parse_value(value: object) -> tuple[float, str]:
 
 
 class SetThresholdArgs(KeyArgs):
-    """Which threshold of which rule, and its value."""
+    """A threshold of a rule, and its value."""
 
     rule: Annotated[_Name, Field(min_length=1)]
     value: Annotated[tuple[float, str], PlainValidator(_parse_value)]
@@ -93,14 +93,14 @@ class SetThresholdArgs(KeyArgs):
 
 
 class OutputsArgs(_Strict):
-    """Who wants every output stopped or released, or the run armed or disarmed, and why."""
+    """The one who wants every output stopped or released, or the run armed or disarmed, and why."""
 
     by: _Name = ""
     why: _Words = ""
 
 
 class ExplainArgs(_Strict):
-    """What to explain."""
+    """The subject to explain."""
 
     rule: _Name = ""
     """The rule; empty for each."""
@@ -123,7 +123,7 @@ class HoldArgs(_Strict):
 
 
 class CalibrateArgs(_Strict):
-    """How far a target is from the camera now, measured with a tape."""
+    """The distance of a target from the camera now, measured with a tape."""
 
     target: _Name = ""
     """Its name in the configuration; empty for the only one."""
@@ -139,7 +139,7 @@ class RecordArgs(_Strict):
 
 
 class WorldArgs(_Strict):
-    """What shall happen in a simulated world: its target is put somewhere, let go of, or something goes wrong."""
+    """An event to cause in a simulated world: its target is put somewhere, let go of, or something goes wrong."""
 
     target: _Name = ""
     """Its name in the configuration; empty for the only one."""
@@ -155,7 +155,7 @@ class WorldArgs(_Strict):
 
 
 class SubscribeArgs(_Strict):
-    """What a watcher of a run receives, and how often."""
+    """The data that a watcher of a run receives, and how often."""
 
     rate_hz: Annotated[float, Field(gt=0, le=10, strict=False)] = 10.0
     """How many snapshots a second, at most."""
@@ -223,7 +223,7 @@ class Request(Struct, frozen=True):
 
     @property
     def is_command(self) -> bool:
-        """Whether it becomes an operator's command to the core."""
+        """True if it becomes an operator's command to the core."""
         return self.op in ACTIONS or self.op == "hold-output"
 
 
@@ -305,7 +305,7 @@ def transaction_of(line: bytes) -> Transaction:
 
 
 def operator_command(request: Request, number: str) -> AnyCommand:
-    """Return what an operator tells a rule or an output, as the core sees it."""
+    """Return the command that an operator gives to a rule or an output, as the core sees it."""
     args = vars(request.args)  # flat values only: a copy of them takes longer than all the rest
     if isinstance(request.args, HoldArgs):
         return HoldCommand(id=number, **args)

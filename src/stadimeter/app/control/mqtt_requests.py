@@ -39,7 +39,7 @@ SNAPSHOT = "snapshot"
 
 
 class _Offer(Struct, frozen=True):
-    """What may be asked for by messages.
+    """A request that may be made by messages.
 
     Attributes:
         op: The operation of the control socket that it is.
@@ -132,7 +132,7 @@ class MqttRequests:
         return taken
 
     def figures(self) -> Mapping[str, Any]:
-        """Return what may be asked for, and what came of what was. From any thread."""
+        """Return the requests that may be made, and what came of those that were. From any thread."""
         refused = dict(self._refused)
         if self._overflowed:
             refused["too_many"] = refused.get("too_many", 0) + self._overflowed

@@ -1,4 +1,4 @@
-"""Where running instances listen: a Unix socket each, in a folder that only their user can use."""
+"""The places where running instances listen: a Unix socket each, in a folder that only their user can use."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def left_since(path: Path) -> list[Path]:
 
 
 def is_alive(path: Path) -> bool:
-    """Return whether a process listens at a socket, also one that we may not ask."""
+    """Check whether a process listens at a socket, also one that we may not ask."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as trial:
         trial.settimeout(1.0)
         try:

@@ -42,7 +42,7 @@ LOOK_EVERY_S = 2.0
 
 
 class Bounds(Struct, frozen=True, kw_only=True):
-    """How much room recordings may take.
+    """Limits of the room that recordings may take.
 
     Attributes:
         folder_bytes: No recording begins while those in the folder are larger together.
@@ -134,7 +134,7 @@ class RecordingOnRequest:
             threading.Thread(target=self._begin, args=(answer,), name="begin recording", daemon=True).start()
 
     def now(self) -> Mapping[str, object] | None:
-        """Return what is known of the recording under way; None if there is none. From any thread."""
+        """Return the known facts of the recording under way; None if there is none. From any thread."""
         begun = self._begun
         return begun.about() if begun is not None else None
 
@@ -272,7 +272,7 @@ class RecordingOnRequest:
 
 
 def _size_bytes(path: Path) -> int:
-    """Return how large a file is; 0 if it was deleted since it was listed."""
+    """Return the size of a file; 0 if it was deleted since it was listed."""
     try:
         return path.stat().st_size
     except FileNotFoundError:

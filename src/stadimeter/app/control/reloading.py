@@ -133,7 +133,7 @@ class Restarter:
 
     @property
     def is_due(self) -> bool:
-        """Whether the run shall end now, and the program begin anew."""
+        """True if the run shall end now, and the program begin anew."""
         return self._is_checked and not self._is_cancelled
 
     def cancel(self) -> None:
@@ -165,7 +165,7 @@ def build_parts(configuration: Path) -> object:
 
 
 def _result_or_error(check: Callable[[], ResultT], refusal: str) -> ResultT | Reply:
-    """Return what a check gives, or the answer that says why it failed."""
+    """Return the result of a check, or the answer that says why it failed."""
     try:
         return check()
     except StadimeterError as error:

@@ -1,4 +1,4 @@
-"""What people and programs may ask of a running loop. The loop attends to it between two cycles, and never waits."""
+"""Requests of people and programs to a running loop. The loop attends to them between two cycles, and never waits."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ REMEMBERED_S = 60.0
 
 
 class Requests(Protocol):
-    """Where requests come from."""
+    """A source of requests."""
 
     def take(self) -> list[Asked]:
         """Return the requests that have come since the last call. Never waits."""
@@ -205,7 +205,7 @@ class Control:
 
 
 def _describe_stop(words: str, record: CycleRecord) -> dict[str, Any]:
-    """Return what the operator who stopped or released the outputs must know: which outputs did not obey a stop."""
+    """Tell the operator who stopped or released the outputs what they must know: which outputs did not obey a stop."""
     if record.decision.safety is not SafetyMode.STOPPED:
         return {"words": words}
     obeyed = {command.output for command in record.applied}
@@ -216,7 +216,7 @@ def _describe_stop(words: str, record: CycleRecord) -> dict[str, Any]:
 
 
 def _describe_applied(asked: Asked, record: CycleRecord) -> dict[str, Any]:
-    """Return what an output does that is held; nothing for any other request."""
+    """Return the command applied to an output that is held; nothing for any other request."""
     if not isinstance(asked.request.args, HoldArgs):
         return {}
     commands = [each for each in record.applied if each.output == asked.request.args.output]
@@ -232,7 +232,7 @@ def _explanation(decision: Decision, rule: str, ago_s: float) -> Reply:
 
 
 def _status(decision: Decision) -> dict[str, Any]:
-    """Return what every rule and target is doing, for programs."""
+    """Describe the state of every rule and target, for programs."""
     rules = [
         plain(trace) | {"reason": decision.reasons.get(trace.rule, ""), "thresholds": _thresholds(decision, trace.rule)}
         for trace in decision.rules

@@ -66,7 +66,7 @@ Answer = Callable[[Reply | Callable[[], Reply]], None]
 
 
 class Watched(Protocol):
-    """What can be watched of a run, without asking the loop."""
+    """The parts of a run that can be watched, without asking the loop."""
 
     def subscribe(self, args: SubscribeArgs, wake: Answer) -> Callable[[], None]:
         """Begin to call ``wake`` with what makes the next snapshot, from any thread; return what ends it."""
@@ -329,7 +329,7 @@ class _SocketServer(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
 
 
 def make_reply(reply: Callable[[], Reply]) -> Reply:
-    """Return what a function answers; if it fails, an error that says so."""
+    """Return the answer of a function; if it fails, an error that says so."""
     try:
         return reply()
     except BaseException as error:  # noqa: BLE001 - a defect in an answer is said to whoever asked

@@ -1,4 +1,4 @@
-"""How a run and its board are doing, in figures and in words.
+"""The health of a run and its board, in figures and in words.
 
 Sources: ``/sys/class/thermal`` and the kernel's hwmon driver ``rpi_volt`` (Linux documentation); the bits of
 ``vcgencmd get_throttled`` are those of Raspberry Pi's documentation, "Raspberry Pi OS", section ``get_throttled``. The
@@ -56,7 +56,7 @@ class Note(NamedTuple):
 
 
 class BoardState(NamedTuple):
-    """What a board says of itself; None where it does not."""
+    """State of a board as it says itself; None where it does not."""
 
     temperature_c: float | None = None
     throttling: tuple[str, ...] = ()
@@ -79,7 +79,7 @@ class Board(Struct):
     _look_at_s: float = float("-inf")
 
     def state(self) -> BoardState:
-        """Return what the board said lately."""
+        """Return the state that the board reported lately."""
         if self.clock() >= self._look_at_s:
             self._look_at_s = self.clock() + LOOK_EVERY_S
             self._state = BoardState(
@@ -92,7 +92,7 @@ class Board(Struct):
 
 
 class LiveHealth(Struct, frozen=True, kw_only=True):
-    """How a run is doing.
+    """The health of a run.
 
     Attributes:
         frame_rate_hz: Frames a second, of late; 0 if none came. In real time, where the run falls behind its speed.
@@ -128,7 +128,7 @@ class LiveHealth(Struct, frozen=True, kw_only=True):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is wrong with the board, and what is wrong outside the loop, in words."""
+        """The faults of the board, and those outside the loop, in words."""
         board = [f"{note.what}: {note.words}" for note in self._of_board() if not note.is_good]
         return (*board, *([self.trouble] if self.trouble else []))
 
@@ -181,7 +181,7 @@ CONNECTED = "connected"
 
 
 def live_health(history: RunHistory, board: Board, broker: str, trouble: str, pace: float = 1.0) -> LiveHealth:
-    """Return how a run is doing now."""
+    """Return the health of a run now."""
     cycle_s, latency_s = _latest(history.cycle_times_s), _latest(history.data_ages_s)
     return LiveHealth(
         frame_rate_hz=history.frame_rate_hz * (pace if pace < SLOW_PACE else 1.0),
@@ -244,14 +244,14 @@ def peak_memory_mb() -> float:
 
 
 class Throttling(NamedTuple):
-    """What the firmware says of supply and heat, in words: at this moment, and at any time since the start."""
+    """The firmware's words on supply and heat: at this moment, and at any time since the start."""
 
     now: tuple[str, ...]
     before: tuple[str, ...]
 
 
 def throttling(bits: int) -> Throttling:
-    """Return what the number of ``vcgencmd get_throttled`` means."""
+    """Return the meaning of the number of ``vcgencmd get_throttled``."""
     meanings = {**SUPPLY_BITS, **HEAT_BITS}
     return Throttling(
         now=tuple(words for bit, words in meanings.items() if bits >> bit & 1),
@@ -260,7 +260,7 @@ def throttling(bits: int) -> Throttling:
 
 
 def throttled_now(root: Path = Path("/")) -> tuple[str, ...]:
-    """Return what is wrong with supply and heat at this moment, as far as the kernel says; starts no program."""
+    """List the faults of supply and heat at this moment, as far as the kernel says; starts no program."""
     for file in sorted(root.glob(THROTTLED)):
         try:
             return throttling(int(file.read_text("ascii"), 16)).now
@@ -278,7 +278,7 @@ def temperature_c(root: Path = Path("/")) -> float | None:
 
 
 def is_under_voltage(root: Path = Path("/")) -> bool | None:
-    """Return whether a Raspberry Pi's supply is too low at this moment; None where the kernel does not say."""
+    """Check whether a Raspberry Pi's supply is too low at this moment; None where the kernel does not say."""
     for folder in sorted((root / "sys/class/hwmon").glob("hwmon*")):
         try:
             if (folder / "name").read_text("ascii").strip() == "rpi_volt":

@@ -138,7 +138,7 @@ class RunHistory(Struct):
 
     @property
     def speed(self) -> float | None:
-        """How fast the run's clock passes of late, in seconds a second; None if unknown."""
+        """The pace of the run's clock of late, in seconds a second; None if unknown."""
         passed = tuple(self._passed)
         if len(passed) < 2 or passed[-1].real_s <= passed[0].real_s:
             return None
@@ -190,7 +190,7 @@ def newer(samples: Sequence[DistanceSample], at_s: float) -> Sequence[DistanceSa
 
 
 def program_age_s() -> float:
-    """Return how long ago this process was started, by the system's own record, to a hundredth of a second."""
+    """Return the time since this process was started, by the system's own record, to a hundredth of a second."""
     after_name = Path("/proc/self/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
     started_ticks = int(after_name[19])  # field 22, "starttime"; the second, the program's name, may contain spaces
     return time.clock_gettime(time.CLOCK_BOOTTIME) - started_ticks / os.sysconf("SC_CLK_TCK")

@@ -25,7 +25,7 @@ from stadimeter.core.rules.explaining import Reasons, explain
 
 
 class Surroundings(Struct, frozen=True, kw_only=True):
-    """What a run has beside its cycles, for those who watch it. Each may be asked from any thread, at any time.
+    """The things a run has beside its cycles, for those who watch it. Each may be asked from any thread, at any time.
 
     Attributes:
         plan: Its rules, outputs and targets, as they are after the newest reload; None if there is no plan.
@@ -129,7 +129,7 @@ def _limits_m(rule: AnyRule) -> tuple[float, ...]:
 
 
 class LiveFeed(Struct):
-    """What there is to see of a run, from any thread.
+    """The view of a run for those who watch it, from any thread.
 
     Attributes:
         clock: The run's clock.
@@ -143,7 +143,7 @@ class LiveFeed(Struct):
     unix_time_s: Callable[[], float] = time.time
 
     def pace(self) -> float:
-        """Return how fast a simulation or a recording passes of late, as a share of the speed that was asked for.
+        """Return the pace of a simulation or a recording of late, as a share of the speed that was asked for.
 
         1 for a live camera, and where it shall pass as fast as the computer can.
         """
@@ -152,7 +152,7 @@ class LiveFeed(Struct):
         return speed / asked if asked and speed is not None else 1.0
 
     def snapshot(self, window_s: float = WINDOW_S) -> RunSnapshot:
-        """Return what there is to see now, with the distances of this long."""
+        """Return all there is to see now, with the distances of this long."""
         history, around = self.history, self.surroundings
         record, link = history.record, around.messenger()
         broker = link["trouble"] or CONNECTED if link is not None else ""
@@ -173,10 +173,10 @@ class LiveFeed(Struct):
         )
 
     def cycle_age_s(self) -> float:
-        """Return how old the newest cycle is in real time: a loop that hangs, also on a stepped clock, grows old."""
+        """Return the age of the newest cycle in real time: a loop that hangs, also on a stepped clock, grows old."""
         history = self.history
         return history.real_time_s() - history.cycle_at_s if history.cycle_at_s is not None else 0.0
 
     def unix_offset_s(self) -> float:
-        """Return what the computer's clock is ahead of the run's."""
+        """Return the time by which the computer's clock is ahead of the run's."""
         return self.unix_time_s() - self.clock.now_s()

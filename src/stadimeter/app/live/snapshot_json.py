@@ -45,7 +45,7 @@ _JSON = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
 
 class ReasonsInTurn:
-    """Why each rule does what it does, in words. A rule that has changed says so at once."""
+    """The reasons why each rule does what it does, in words. A rule that has changed says so at once."""
 
     def __init__(self) -> None:
         self._known: dict[str, tuple[RuleTrace, str]] = {}
@@ -66,7 +66,7 @@ class ReasonsInTurn:
 
 
 def shared_json(snapshot: RunSnapshot, number: int, now_s: float, unix_offset_s: float, reasons: ReasonsInTurn) -> str:
-    """Return what all who watch get of a snapshot, as a JSON object without the brace that closes it.
+    """Return the part of a snapshot that all who watch get, as a JSON object without the brace that closes it.
 
     Args:
         number: Counts the snapshots.
@@ -107,7 +107,7 @@ def samples_json(samples: Mapping[str, Iterable[DistanceSample]]) -> str:
 
 
 def frame_data(seen: Seen | None, unix_offset_s: float) -> dict[str, Any] | None:
-    """Return what is known of a frame beside its picture; None if there is none."""
+    """Return the known facts of a frame beside its picture; None if there is none."""
     stamp = seen.record.observation.frame if seen is not None else None
     if seen is None or stamp is None:
         return None
@@ -204,7 +204,7 @@ def _rules(plan: Plan | None, decision: Decision, reasons: ReasonsInTurn) -> Ite
 
 
 def _counts(alarm: AlarmRule) -> bool:
-    """Return whether a reset lets a rule count anew."""
+    """Check whether a reset lets a rule count anew."""
     return any(isinstance(leaf, RememberedCondition) and leaf.rules for leaf in leaves(alarm.condition))
 
 

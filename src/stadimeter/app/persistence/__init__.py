@@ -1,1 +1,1 @@
-"""What alarms remember beyond the end of a run."""
+"""The memory of alarms beyond the end of a run."""

@@ -59,7 +59,7 @@ _FLIPPED_MAX = 1
 
 
 class Kind(Enum):
-    """What has the name of a state file."""
+    """The kind of thing that has the name of a state file."""
 
     NOTHING = auto()
     """No file, or an empty one."""
@@ -99,7 +99,7 @@ def _header(path: Path) -> bytes:
 
 
 def too_large(path: Path) -> bool:
-    """Return whether a state file, or its log, has more bytes than we ever write."""
+    """Check whether a state file, or its log, has more bytes than we ever write."""
     for file in (path, *(path.with_name(path.name + ending) for ending in BESIDE)):
         with suppress(FileNotFoundError):  # SQLite removes its log when another process closes the file
             if file.stat().st_size > SIZE_MAX:
@@ -298,7 +298,7 @@ class AlarmStore:
         return _DamagedError(str(error))
 
     def _claims_to_be_read_only(self, code: int) -> bool:
-        """Whether it is a byte in the file that forbids writing, and not the disk."""
+        """Check whether it is a byte in the file that forbids writing, and not the disk."""
         return code == sqlite3.SQLITE_READONLY and all(
             os.access(each, os.W_OK) for each in (self.path, self.path.parent)
         )

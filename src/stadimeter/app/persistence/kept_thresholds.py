@@ -28,7 +28,7 @@ def describe_kept(file: Path, rules: Iterable[AnyRule]) -> Iterator[str]:
 
 
 def _memories(file: Path) -> tuple[AlarmSnapshot, ...]:
-    """Return what alarms remember; nothing while a run holds the file, or after it was killed: its log is newer."""
+    """Return the memories of alarms; nothing while a run holds the file, or after it was killed: its log is newer."""
     try:
         if kind_of(file) is not Kind.OURS or too_large(file) or file.with_name(f"{file.name}-wal").exists():
             return ()

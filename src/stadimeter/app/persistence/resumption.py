@@ -1,4 +1,4 @@
-"""What a run restores from an earlier one, and how long ago that was.
+"""The things a run restores from an earlier one, and how long ago that was.
 
 Timers run on a monotonic clock, which begins anew with the computer. What was remembered in the same boot is as old as
 that clock says. After another boot only the wall clock can tell, if it was right both times; if it cannot, no time has
@@ -89,12 +89,12 @@ def elapsed_s(before: ClockReading, now: ClockReading) -> float:
 
 
 def shift_s(before: ClockReading, now: ClockReading) -> float:
-    """Return what is to be added to a time of an earlier run, so that it is one of this run."""
+    """Return the time to be added to a time of an earlier run, so that it is one of this run."""
     return now.at_s - elapsed_s(before, now) - before.at_s
 
 
 class Memory(Struct, frozen=True, kw_only=True):
-    """What a run remembered, and when.
+    """The memory of a run, and the moment it is of.
 
     Attributes:
         absent: Which targets were out of sight.
@@ -122,7 +122,7 @@ def resume(state: State, memory: Memory, now: ClockReading) -> State:
 
 
 class _RuleMemory(Struct, frozen=True, kw_only=True):
-    """What a rule remembers. By `meaning` it is known whether a rule of that name is still the same."""
+    """The memory of a rule. By `meaning` it is known whether a rule of that name is still the same."""
 
     rule: str
     meaning: str
@@ -133,7 +133,7 @@ class _RuleMemory(Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, rule: AnyRule, step: Step) -> _RuleMemory:
-        """Return what a rule remembers."""
+        """Return the memory of a rule."""
         kinds = {AlarmStep: "alarm", RampStep: "ramp", FollowStep: "follow", ReportStep: "report"}
         remembered: Any = {kinds[type(step)]: step}
         return cls(rule=rule.name, meaning=meaning_of(rule), **remembered)

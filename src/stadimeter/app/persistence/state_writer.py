@@ -157,7 +157,7 @@ class StateWriter:
         return self._trouble
 
     def is_kept(self) -> bool | None:
-        """Return whether all that was to be written is in the file; None if nothing can be."""
+        """Check whether all that was to be written is in the file; None if nothing can be."""
         if self._thread is None or self._trouble:
             return None
         with self._turned:
@@ -204,7 +204,7 @@ class StateWriter:
         return self._deliveries.undelivered() if self._deliveries is not None else ()
 
     def _owes_deliveries(self) -> bool:
-        """Whether undelivered messages are to be written: new ones at once, a shorter list after a while."""
+        """Check whether undelivered messages are to be written: new ones at once, a shorter list after a while."""
         undelivered = self._undelivered()
         if undelivered == self.kept:
             return False

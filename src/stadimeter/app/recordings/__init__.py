@@ -1,1 +1,1 @@
-"""What runs leave behind: journals, and MCAP files with pictures."""
+"""The files that runs leave behind: journals, and MCAP files with pictures."""

@@ -52,7 +52,7 @@ class _Segment(Struct, frozen=True):
 
     @property
     def size_bytes(self) -> int:
-        """What it takes in memory: whole pages."""
+        """The space it takes in memory: whole pages."""
         return -(-len(self.data) // PAGESIZE) * PAGESIZE
 
     def entries(self) -> list[Entry]:

@@ -140,7 +140,7 @@ class RecordedCycle:
         self.rules_json = rules_before if rules == AS_BEFORE else rules.replace(_GATES, _INHIBITS)
 
     def observation(self) -> Observation:
-        """Return what was observed. Like every part, it raises `JournalError` if the cycle is damaged."""
+        """Return the observation of the cycle. Like every part, it raises `JournalError` if the cycle is damaged."""
         try:
             observation = decode(self._line[len(_OPENING) : self._line.find(_APPLIED)], Observation)
         except ValueError:
@@ -161,7 +161,7 @@ class RecordedCycle:
             return self.observation().now_s
 
     def has_frame(self) -> bool:
-        """Return whether a frame was new in it."""
+        """Check whether a frame was new in it."""
         return self._line.find(_NO_FRAME, 0, _FRAME_BEFORE) < 0
 
     def events(self) -> tuple[Event, ...]:

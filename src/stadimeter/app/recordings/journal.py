@@ -146,7 +146,7 @@ class Journal(Struct, frozen=True, kw_only=True):
                 yield cycle
 
     def is_cut_off(self) -> bool:
-        """Return whether the last line is not whole, as after a power cut."""
+        """Check whether the last line is not whole, as after a power cut."""
         with readable(self.path) as file:
             file.seek(-1, os.SEEK_END)
             return file.read(1) != b"\n"

@@ -81,7 +81,7 @@ class RecordFile:
         return len(data)
 
     def tell(self) -> int:
-        """Return how many bytes were written."""
+        """Return the number of bytes written."""
         return self._size
 
     def flush(self) -> None:
@@ -94,7 +94,7 @@ class RecordFile:
         self._file.close()
 
     def _is_still_empty(self) -> bool:
-        """Return whether the name still stands for our file, and is still empty."""
+        """Check whether the name still stands for our file, and is still empty."""
         ours = os.fstat(self._file.fileno())
         try:
             found = os.lstat(self._path)
@@ -136,7 +136,7 @@ class RecordFile:
             self._file = self._opened(self._real_path)
 
     def _is_taken(self) -> bool:
-        """Return whether the open file holds something, or will: another run that is about to write has locked it."""
+        """Check whether the open file holds something, or will: another run that is about to write has locked it."""
         about = os.fstat(self._file.fileno())
         if not stat.S_ISREG(about.st_mode) or about.st_size:
             return about.st_size > 0
@@ -158,7 +158,7 @@ class RecordFile:
 
 
 def _holds_nothing(head: bytes) -> bool:
-    """Return whether a file is empty, or has a length only: some file systems leave zeros after a power cut."""
+    """Check whether a file is empty, or has a length only: some file systems leave zeros after a power cut."""
     return not head.strip(b"\0")
 
 
@@ -199,7 +199,7 @@ _HEADER = 1
 
 
 def writer_of(head: bytes) -> str | None:
-    """Return what program an MCAP file says that it was written by; None if this is no beginning of one."""
+    """Return the program that an MCAP file says it was written by; None if this is no beginning of one."""
     if not head.startswith(MAGIC):
         return None
     try:
@@ -213,7 +213,7 @@ def writer_of(head: bytes) -> str | None:
 
 
 def is_ours(head: bytes) -> bool:
-    """Return whether a file is a recording of ours, or the beginning of one that a cut ended too early to tell."""
+    """Check whether a file is a recording of ours, or the beginning of one that a cut ended too early to tell."""
     if len(head) < HEADER_BYTES_MIN:
         return MAGIC.startswith(head[: len(MAGIC)])
     return (writer_of(head) or "").startswith(LIBRARY)

@@ -23,14 +23,14 @@ FILE_NAME = "configuration.toml"
 
 
 class RecordedConfiguration(Struct, frozen=True, kw_only=True):
-    """What a recording keeps of its configuration; `files` has the texts of those it names, by path."""
+    """The parts of its configuration that a recording keeps; `files` has the texts of those it names, by path."""
 
     text: str
     files: Mapping[str, str] = field(default_factory=dict)
 
 
 def to_be_recorded(configuration: Configuration) -> RecordedConfiguration:
-    """Return what a recording keeps of a configuration: its text, and that of its camera file if it names one."""
+    """Return the parts of a configuration that a recording keeps: its text, and its camera file's if it names one."""
     return RecordedConfiguration(text=configuration.text, files=_camera_files(configuration))
 
 

@@ -138,7 +138,7 @@ class Recorder:
 
     @property
     def waiting(self) -> int:
-        """How many cycles wait for the thread."""
+        """Number of cycles that wait for the thread."""
         return self._waiting.qsize()
 
     def put(self, step: Callable[[], None]) -> None:
@@ -165,7 +165,7 @@ class Recorder:
         self._ended_s = -math.inf
 
     def _is_too_late(self, began_s: float) -> bool:
-        """Return whether a wait for the disk has been long enough; a program has no more than two seconds to end."""
+        """Check whether a wait for the disk has been long enough; a program has no more than two seconds to end."""
         longest_s = GOODBYE_S if self._deadline.is_set else END_WAIT_S
         return time.monotonic() - began_s >= longest_s or self._deadline.left_s(longest_s) <= 0
 

@@ -65,7 +65,7 @@ ImageChoice = Literal["none", "events", "all"]
 
 
 class ImageOptions(Struct, frozen=True, kw_only=True):
-    """Which pictures a recording holds.
+    """The choice of pictures that a recording holds.
 
     Attributes:
         images: ``all``; ``events``, in which something happened: an event, or another status of a rule or a target;
@@ -80,7 +80,7 @@ class ImageOptions(Struct, frozen=True, kw_only=True):
 
 
 class Recorded(Struct, frozen=True, kw_only=True):
-    """What a recording says about its run once and for all.
+    """The facts that a recording states about its run once and for all.
 
     Attributes:
         clip_of: Of a clip, what it was written for: the kind of event, and the rule or source; empty for none.
@@ -95,7 +95,7 @@ class Recorded(Struct, frozen=True, kw_only=True):
 def what_is_recorded(
     configuration: Configuration, detectors: Mapping[str, Detector], recorded: RecordedConfiguration | None = None
 ) -> Recorded:
-    """Return what the recordings of a run say about it."""
+    """Return the facts that the recordings of a run state about it."""
     return Recorded(
         configuration=recorded or to_be_recorded(configuration),
         camera=configuration.camera_model,
@@ -104,7 +104,7 @@ def what_is_recorded(
 
 
 class Entry(Struct, frozen=True, array_like=True):
-    """What a recording holds at one moment of one topic.
+    """The content of a recording at one moment of one topic.
 
     Attributes:
         at_s: When, on the run's clock.
@@ -262,7 +262,7 @@ class RecordingWriter:
 
     @property
     def size_bytes(self) -> int:
-        """How large the file is. May be asked from any thread."""
+        """The size of the file. May be asked from any thread."""
         return self._file.tell()
 
     def older_file(self) -> str:
@@ -330,7 +330,7 @@ class ImageChooser:
         self._statuses: tuple[object, ...] = ()
 
     def is_wanted(self, record: CycleRecord, frame: Frame) -> bool:
-        """Return whether the picture of a cycle is; called once for each frame."""
+        """Check whether the picture of a cycle is wanted; called once for each frame."""
         if self._options.images == "none":
             return False
         if self._options.images == "events" and not self._has_changed(record):

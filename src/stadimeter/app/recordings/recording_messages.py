@@ -134,7 +134,7 @@ def log(event: Event, time_ns: int) -> bytes:
 
 
 def target(track: Track, measured: Measurement | None) -> bytes:
-    """Return what is known of a target in one cycle, to plot it; figures that are not known are null."""
+    """Return the known figures of a target in one cycle, to plot it; figures that are not known are null."""
     figures = {"measured_m": measured.distance_m if measured else None}
     figures |= {name: getattr(track, name) for name in _TRACK_FIGURES}
     return _json({"status": track.status.value, **{name: _finite(value) for name, value in figures.items()}})
@@ -161,7 +161,7 @@ def calibration(camera: CameraModel, time_ns: int) -> bytes:
 def image_annotations(
     record: CycleRecord, camera: CameraModel, sizes: Mapping[str, TargetShape], time_ns: int
 ) -> bytes:
-    """Return what was found in a picture, to draw it: targets with their distances, and what was rejected.
+    """Return the findings in a picture, to draw them: targets with their distances, and what was rejected.
 
     Args:
         record: The cycle in which the picture was new.

@@ -1,4 +1,4 @@
-"""How a timeline is kept: rows of fixed length in files that only grow.
+"""The format of a timeline: rows of fixed length in files that only grow.
 
 A segment is what one run wrote of the same targets and rules, for a day at most: ``NAME.1`` with a row for each second,
 and ``NAME.10``, ``NAME.60`` and ``NAME.600`` with one for as many seconds, from which a long time is read quickly. Each
@@ -60,7 +60,7 @@ class Names(Struct, frozen=True):
 
     @property
     def row(self) -> np.dtype[Any]:
-        """What a row consists of."""
+        """The parts of a row."""
         figures = ("figures", "<f4", (len(self.targets), len(FIGURES)))
         return np.dtype([("unix_s", "<u4"), ("run_s", "<f8"), figures, ("states", "u1", (len(self.rules),))])
 

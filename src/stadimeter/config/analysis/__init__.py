@@ -38,7 +38,7 @@ class Subject(Struct, frozen=True, kw_only=True):
 
 
 def subject_of(draft: Draft) -> Subject:
-    """Return what of a configuration can be looked at: everything but the rules that cannot be read at all."""
+    """Return the parts of a configuration that can be looked at: all but the rules that cannot be read at all."""
     first = {each.section: each for each in reversed(draft.compiled)}
     return Subject(
         draft=draft,

@@ -1,4 +1,4 @@
-"""What is remembered over a window of time: counts and sums that cannot be, figures, and messages at times."""
+"""The memory over a window of time: counts and sums that cannot be, figures, and messages at times."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def memory_warnings(subject: Subject) -> Iterator[Finding]:
 
 
 def _raises_max(rule: AnyRule | None, for_s: float) -> float:
-    """Return how often a rule can be raised within a window: by its delays, and by its limit on chattering."""
+    """Count how often a rule can be raised within a window: by its delays, and by its limit on chattering."""
     if not isinstance(rule, AlarmRule):
         return math.inf
     period_s, most = rule.on_delay.hold_s + rule.off_delay_s, rule.raises_per_min_max

@@ -1,4 +1,4 @@
-"""Where along one figure a condition holds, or a rule acts: what tells that two of them never meet, or always.
+"""The spans of one figure where a condition holds, or a rule acts: they tell that two never meet, or always.
 
 It looks at limits, deadbands and whether a target is in sight. What is made of others with `any` or `not`, and
 schedules, may meet everything: nothing is said of these.
@@ -23,7 +23,7 @@ IN_SIGHT = "in sight"
 
 
 class Span(Struct, frozen=True):
-    """Where something holds. Ends do not count: no measurement is exactly at a threshold.
+    """A stretch where something holds. Ends do not count: no measurement is exactly at a threshold.
 
     Attributes:
         figure: Such as ``("distance", "ball")``. The figure ``("in sight", TARGET)`` is for how many seconds the
@@ -41,17 +41,17 @@ class Span(Struct, frozen=True):
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is in it."""
+        """True if nothing is in it."""
         return self.low >= self.high
 
     def meets(self, other: Span) -> bool:
-        """Return whether both may hold at once."""
+        """Check whether both may hold at once."""
         if self.figure == other.figure:
             return max(self.low, other.low) < min(self.high, other.high)
         return not (self._is_blind_to(other) or other._is_blind_to(self))
 
     def covers(self, other: Span) -> bool:
-        """Return whether it holds wherever another one does: where they begin, and where they end."""
+        """Check whether it holds wherever another one does: where they begin, and where they end."""
         if self.figure[0] == IN_SIGHT and self.low == 0.0 and self.figure[1] in other.sights:
             return True
         is_wide = self.low <= other.low and self.high >= other.high
@@ -98,7 +98,7 @@ def range_of(rule: AnyRule) -> Span | None:
 
 
 def is_always_open(rule: AnyRule) -> bool:
-    """Return whether nothing but its range keeps a rule from acting."""
+    """Check whether nothing but its range keeps a rule from acting."""
     gate = gate_of(rule)
     return gate.suppress_when is None and (isinstance(rule, AlarmRule) or gate.condition is ALWAYS)
 

@@ -113,7 +113,7 @@ def _spans(days: list[datetime]) -> str:
 
 
 def _comes(leaf: ScheduleCondition, latitude_deg: float) -> bool:
-    """Return whether a schedule by the sun ever holds: its days may all be without sunrise and sunset."""
+    """Check whether a schedule by the sun ever holds: its days may all be without sunrise and sunset."""
     for number in range(_AHEAD_DAYS):
         dates = tuple(
             MonthDay(day.month, day.day) for day in (_YEAR + timedelta(days=number + by) for by in (-1, 0, 1))
@@ -182,6 +182,6 @@ def _at_change(
 
 
 def _offsets_s(shown: datetime, zone: tzinfo | None) -> tuple[float, ...]:
-    """Return how far what clocks show is from universal time: the two differ where it is skipped, or comes twice."""
+    """Return the offsets from universal time of what clocks show: they differ where it is skipped, or comes twice."""
     at = (shown.replace(tzinfo=zone, fold=fold).astimezone(zone) for fold in (0, 1))
     return tuple((each.utcoffset() or timedelta()).total_seconds() for each in at)

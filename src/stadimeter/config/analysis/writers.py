@@ -84,7 +84,7 @@ def _shadowed(subject: Subject) -> Iterator[tuple[CompiledRule, Finding]]:
 
 
 def _goes_before(winner: AnyRule, loser: AnyRule) -> bool:
-    """Return whether a rule surely drives the output in place of another one, wherever that one holds."""
+    """Check whether a rule surely drives the output in place of another one, wherever that one holds."""
     if winner.priority <= loser.priority or not is_always_open(winner):
         return False
     if isinstance(loser, AlarmRule) and (loser.latch or loser.lost.policy is LostPolicy.ASSERT):

@@ -83,7 +83,7 @@ class PatternTable(Section):
 
     @property
     def period_s(self) -> float:
-        """How long one pass takes, in seconds."""
+        """Time one pass takes, in seconds."""
         return sum(for_s for _, for_s in self.to_plan(level=1.0).steps)
 
     def to_plan(self, level: float) -> rule.Pattern:
@@ -228,7 +228,7 @@ Factor = Annotated[float, Field(gt=0)]
 
 
 class RuleCommon(TypedDict):
-    """What every rule of the core has, whatever its kind; see `stadimeter.core.rule.Rule`."""
+    """The keys that every rule of the core has, whatever its kind; see `stadimeter.core.rule.Rule`."""
 
     name: str
     target: str
@@ -240,7 +240,7 @@ class RuleCommon(TypedDict):
 
 
 class SearchTable(Section):
-    """How a base turns to find its target; see `stadimeter.core.rule.Search`."""
+    """The way a base turns to find its target; see `stadimeter.core.rule.Search`."""
 
     angle_rad: AngleOrZero = Field(default=_SEARCH.angle_rad, alias="angle")
     """In radians; it turns no further."""

@@ -76,7 +76,7 @@ class WrittenCondition(Struct, frozen=True, kw_only=True):
 
     @property
     def limits_path(self) -> KeyPath:
-        """Where its limits stand: its own table, or the one inside it that names the quantity."""
+        """The place of its limits: its own table, or the one inside it that names the quantity."""
         inner = next((key for key, value in self.table.items() if isinstance(value, Mapping) and key != "not"), None)
         return self.path if inner is None else (*self.path, inner)
 
@@ -108,7 +108,7 @@ class CompiledRule(Struct, frozen=True, kw_only=True):
 
     @property
     def path(self) -> KeyPath:
-        """Where the table stands."""
+        """The place of the table."""
         return ("rules", self.section)
 
     def at(self, *keys: str | int) -> KeyPath:
@@ -178,7 +178,7 @@ def _compiled(
 
 
 class SeveralNames(NamedTuple):
-    """What names in conditions stand for."""
+    """The things that names in conditions stand for."""
 
     groups: Mapping[str, tuple[str, ...]]
     """The members of each group of targets."""

@@ -51,14 +51,14 @@ class LimitsTable(Section):
 
     @property
     def limits(self) -> _Bounds:
-        """What the figure must be above and below, in the SI unit; None for no such limit."""
+        """The values the figure must be above and below, in the SI unit; None for no such limit."""
         if self.between is not None:
             return self.between[0], self.between[1]
         return self.above, self.below
 
 
 class Likelihood(TypedDict):
-    """How sure it must be, as the conditions of the core have it."""
+    """The certainty it needs, as the conditions of the core have it."""
 
     deadband_sigmas: float
     probability_on: float | None
@@ -66,7 +66,7 @@ class Likelihood(TypedDict):
 
 
 class LikelihoodTable(Section):
-    """How sure it must be that a figure is within its limits."""
+    """The certainty needed that a figure is within its limits."""
 
     deadband_sigmas: Sigmas = _DISTANCE.deadband_sigmas
     """How many standard deviations of its noise the figure must come back before the condition ends."""

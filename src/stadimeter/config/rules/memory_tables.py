@@ -48,7 +48,7 @@ TimesOfDay = Annotated[
 
 
 class WindowTable(Section):
-    """What of the past counts."""
+    """The part of the past that counts."""
 
     within: Within | None = None
     """In seconds: the newest part of the past; or ``"today"``, since midnight."""

@@ -98,7 +98,7 @@ class RampTable(Section):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Where the output begins and where it is full, in the SI unit; of points, the outer ones."""
+        """The values where the output begins and where it is full, in the SI unit; of points, the outer ones."""
         if self.points is None:
             return parse_figure(self.start, self.of), parse_figure(self.full, self.of)
         (first, at_first), *_, (last, at_last) = sorted(self.levels)
@@ -146,7 +146,7 @@ KINDS = ("when", *GATED)
 
 
 class LostTable(Section):
-    """What a rule does without its target; see `stadimeter.core.rule.Lost`."""
+    """The behaviour of a rule without its target; see `stadimeter.core.rule.Lost`."""
 
     grace: Duration = _LOST.grace_s
     """In seconds."""
@@ -277,7 +277,7 @@ class RuleTable(Section):
 
     @property
     def is_gated(self) -> bool:
-        """Whether it does something of its own, as far as `when` lets it, and so is no alarm."""
+        """True if it does something of its own, as far as `when` lets it, and so is no alarm."""
         return any(getattr(self, kind) is not None for kind in GATED)
 
     @property
@@ -351,7 +351,7 @@ class RuleTable(Section):
         return rule.ReportRule(**common, every_s=self.every, at_seconds=tuple(sorted(set(self.at or ()))))
 
     def delay(self, judged: Condition) -> rule.OnDelay:
-        """Return how long a condition must hold before the alarm is raised.
+        """Return the time a condition must hold before the alarm is raised.
 
         Returns:
             The delay. Without a word about it there is none for safety, nor for what is judged with a probability: that
@@ -370,7 +370,7 @@ class RuleTable(Section):
 
     @property
     def tolerance(self) -> rule.DelayTolerance:
-        """What does not start the delays over; a duration forgives one frame. Not written: the default of the core."""
+        """Gaps that start no delays over; a duration forgives one frame. Not written: the default of the core."""
         if isinstance(self.delay_tolerance, ToleratedFramesTable):
             return rule.DelayTolerance(samples=self.delay_tolerance.frames, for_s=0.0)
         if self.delay_tolerance is not None:

@@ -1,4 +1,4 @@
-"""What an alarm does when its state changes and while it stands: events, notifications, steps, outputs, inhibits."""
+"""The effects of an alarm as its state changes and while it stands: events, notifications, steps, outputs, inhibits."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Evaluation:
 
     @property
     def is_quiet(self) -> bool:
-        """Whether anything keeps the alarm from acting and from notifying people."""
+        """True if anything keeps the alarm from acting and from notifying people."""
         inhibits = self.record.inhibits
         if inhibits is NO_INHIBITS:
             return self.rule.observe
@@ -156,7 +156,7 @@ def stand(evaluation: Evaluation) -> None:
 
 
 def requests_of(evaluation: Evaluation, before: tuple[Request, ...], bases: Container[str]) -> tuple[Request, ...]:
-    """Return what an alarm wants of outputs: at most one request for each.
+    """Return the requests of an alarm to outputs: at most one for each.
 
     Args:
         before: What it wanted in the cycle before; returned if that is the same.
@@ -248,7 +248,7 @@ def _send(evaluation: Evaluation, leg: Leg) -> None:
 
 
 def is_to_be(step: EscalationStep, inputs: RuleInputs) -> bool:
-    """Return whether a step that is due is done. Where that is not known people are notified, and nothing moves."""
+    """Check whether a step that is due is done. Where that is not known people are notified, and nothing moves."""
     if step.when is None:
         return True
     value = judge(step.when, inputs, (), is_active=False).value

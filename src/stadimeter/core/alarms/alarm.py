@@ -1,4 +1,4 @@
-"""What a cycle makes of an alarm. What an operator command makes of it is in `operating`.
+"""The effect of a cycle on an alarm. The effect of an operator command on it is in `operating`.
 
 A cycle judges the condition, hands the verdict to the machine (`machine`), and lets the actions follow (`actions`).
 """
@@ -31,13 +31,13 @@ AWAITED_S = 10.0
 
 
 class OperatedStep(Step, frozen=True, kw_only=True):
-    """What a rule does in one cycle, and what it, or its gate, remembers of operators among others."""
+    """The step of a rule in one cycle, and what it, or its gate, remembers of operators among others."""
 
     record: AlarmRecord = field(default_factory=AlarmRecord)
 
 
 class AlarmStep(OperatedStep, frozen=True, kw_only=True):
-    """What an alarm does in one cycle, and remembers."""
+    """The step of an alarm in one cycle, and what it remembers."""
 
 
 class Stepped(NamedTuple):
@@ -128,7 +128,7 @@ def step_alarm(
 
 
 def _stays(rule: AlarmRule, before: AlarmStep, inputs: RuleInputs) -> bool:
-    """Return whether an alarm surely stays as it is in this cycle, as most do: half the time of an evaluation."""
+    """Check whether an alarm surely stays as it is in this cycle, as most do: half the time of an evaluation."""
     record = before.record
     if record.state is AlarmState.NORMAL:
         goes_on = record.leg is not None and bool(rule.escalation)
@@ -187,7 +187,7 @@ def _without_verdict(evaluation: Evaluation, *, is_awaited: bool) -> None:
 
 
 def _is_awaited(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs) -> bool:
-    """Return whether it would be a guess that a target is lost: at the start none has been seen yet.
+    """Check whether it would be a guess that a target is lost: at the start none has been seen yet.
 
     A rule for safety does not wait: to it, not seeing counts at once.
     """
@@ -208,7 +208,7 @@ def _is_awaited(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs) -> boo
 
 
 def _step(before: AlarmStep, evaluation: Evaluation, bases: Container[str], holds: bool | None) -> AlarmStep:
-    """Return what an alarm does after its evaluation; the step of the cycle before if nothing has changed."""
+    """Return the step of an alarm after its evaluation; that of the cycle before if nothing has changed."""
     rule, record, was = evaluation.rule, evaluation.record, before.trace
     if holds is None:
         holds = machine.decided_by_policy(rule, record, evaluation.inputs.now_s)

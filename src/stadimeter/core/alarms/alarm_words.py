@@ -1,4 +1,4 @@
-"""What an alarm does and waits for, in words with figures."""
+"""The actions of an alarm, and what it waits for, in words with figures."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ def in_words(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs, *, with_p
 
 
 def missing_in_words(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs) -> str:
-    """Return what is missing to judge by, for how long, and what it counts as. It need not be the rule's own target."""
+    """Say what is missing to judge by, for how long, and what it counts as. It need not be the rule's own target."""
     away_s = 0.0 if record.unknown_since_s is None else inputs.now_s - record.unknown_since_s
     seen = "not known" if inputs.tracks[rule.target].is_valid else "not seen"
     return f"{seen} for {away_s:.1f} s{policy_in_words(rule, record, inputs.now_s)}"
 
 
 def given_up_in_words(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs) -> str:
-    """Return what becomes of an active alarm that has had nothing to judge by for too long."""
+    """Say what becomes of an active alarm that has had nothing to judge by for too long."""
     is_latched = record.state in machine.LATCHED
     then = f"it stays {latched_until(rule, record)}" if is_latched else "the output goes to its safe value"
     return f"active, but {missing_in_words(rule, record, inputs)}; {then}"
@@ -68,6 +68,6 @@ def why_not_latched(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs) ->
 
 
 def policy_in_words(rule: AlarmRule, record: AlarmRecord, now_s: float) -> str:
-    """Return what not seeing counts as, such as ``, which counts as danger``; empty while it counts as nothing."""
+    """Say what not seeing counts as, such as ``, which counts as danger``; empty while it counts as nothing."""
     decided = machine.decided_by_policy(rule, record, now_s)
     return "" if decided is None else ", which counts as danger" if decided else ", which counts as over"

@@ -21,7 +21,7 @@ from stadimeter.core.rule_step import OBSERVED
 
 
 class GatedStep(OperatedStep, frozen=True, kw_only=True):
-    """What a rule with a gate does in one cycle, and remembers.
+    """The step of a rule with a gate in one cycle, and what it remembers.
 
     Attributes:
         is_open: Whether the condition of its gate held; None if that was not known.
@@ -45,7 +45,7 @@ class Gate(NamedTuple):
 
     @property
     def lets_move(self) -> bool | None:
-        """Whether a base may be driven; None if that is not known. One that is only observed goes on being judged."""
+        """True if a base may be driven; None if that is not known. One that is only observed goes on being judged."""
         return False if any(word != OBSERVED for word in self.inhibits) else self.is_open
 
 

@@ -44,7 +44,7 @@ from stadimeter.core.rule import ROUNDING_S, AlarmRule, LostPolicy
 
 
 class AlarmState(StrEnum):
-    """Where an alarm is."""
+    """The state an alarm is in."""
 
     NORMAL = "normal"
     PENDING = "pending"
@@ -62,7 +62,7 @@ class AlarmState(StrEnum):
 
 
 class Trigger(StrEnum):
-    """What happens to an alarm."""
+    """The things that happen to an alarm."""
 
     HOLDS = "holds"
     """Its condition holds in a sample."""
@@ -136,7 +136,7 @@ _HOLDING = frozenset({AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED})
 
 
 class AlarmRecord(Struct):
-    """What an alarm remembers. Times are on the run's clock. Only the evaluation that made a copy changes it."""
+    """The memory of an alarm. Times are on the run's clock. Only the evaluation that made a copy changes it."""
 
     state: AlarmState = field(default=AlarmState.NORMAL, name="phase")  # so it is called in state files
     timers: Timers = field(default_factory=Timers)
@@ -170,22 +170,22 @@ class AlarmRecord(Struct):
 
     @property
     def is_active(self) -> bool:
-        """Whether it is raised, clearing or latched. This is the one answer to whether an alarm is active."""
+        """True if it is raised, clearing or latched. This is the one answer to whether an alarm is active."""
         return self.state in ACTIVE
 
     @property
     def is_acknowledged(self) -> bool:
-        """Whether it was acknowledged, or need not be."""
+        """True if it was acknowledged, or need not be."""
         return self.state not in TO_ACKNOWLEDGE
 
     @property
     def is_judged_by_its_end(self) -> bool:
-        """Whether the condition is judged by what ends it."""
+        """True if the condition is judged by what ends it."""
         return self.state in JUDGED_BY_ITS_END
 
     @property
     def has_let_go(self) -> bool:
-        """Whether the output went to its safe value, since nothing confirms the alarm. A latch needs none to."""
+        """True if the output went to its safe value, since nothing confirms the alarm. A latch needs none to."""
         return self.is_given_up and self.state not in LATCHED
 
     def copy(self) -> AlarmRecord:
@@ -199,7 +199,7 @@ def fire(record: AlarmRecord, trigger: Trigger) -> None:
 
 
 def is_settled(record: AlarmRecord, holds: bool, leaves: tuple[bool, ...]) -> bool:
-    """Return whether a sample changes nothing: it is like the one before, `leaves` included, and no timer runs."""
+    """Check whether a sample changes nothing: it is like the one before, `leaves` included, and no timer runs."""
     timers = record.timers
     if record.resumed is not None or not timers.was_judged or holds is not timers.held_last or leaves != timers.leaves:
         return False
@@ -284,7 +284,7 @@ def _clear_when_due(rule: AlarmRule, record: AlarmRecord, ended_s: float, now_s:
 
 
 def _latches(rule: AlarmRule, record: AlarmRecord) -> bool:
-    """Return whether an alarm stays active when its condition ends."""
+    """Check whether an alarm stays active when its condition ends."""
     return rule.latch and not (rule.ack_resets and record.is_acknowledged)
 
 
@@ -319,7 +319,7 @@ def calms_s(rule: AlarmRule, record: AlarmRecord) -> float:
 
 
 def decided_by_policy(rule: AlarmRule, record: AlarmRecord, now_s: float) -> bool | None:
-    """Return whether the condition counts as holding while there is nothing to judge by; None for unknown."""
+    """Check whether the condition counts as holding while there is nothing to judge by; None for unknown."""
     if record.unknown_since_s is None or now_s - record.unknown_since_s + ROUNDING_S < rule.lost.grace_s:
         return None
     return _BY_POLICY[rule.lost.policy]

@@ -59,7 +59,7 @@ def _done(evaluation: Evaluation, action: OperatorAction) -> str:
 
 
 def _applies(evaluation: Evaluation, action: OperatorAction) -> bool:
-    """Return whether a command to every alarm is meant for this one."""
+    """Check whether a command to every alarm is meant for this one."""
     rule, record, inhibits = evaluation.rule, evaluation.record, evaluation.record.inhibits
     may_be_quiet = not _why_not_quiet(rule)
     applies = {

@@ -1,4 +1,4 @@
-"""What an operator may set of a rule while it runs: its thresholds, and whether it is observed only.
+"""The settings of a rule that an operator may change while it runs: its thresholds, and whether it is observed only.
 
 A rule is judged as it is set. What was set is in the alarm's record, with what the configuration says in place of it.
 Values are bounded as those of a configuration are: by the quantity, by the other end of an interval, by the deadband.
@@ -33,13 +33,13 @@ class RuleThreshold(NamedTuple):
     value: float
 
     def takes(self, value: float) -> bool:
-        """Return whether it may have a value; not NaN."""
+        """Check whether it may have a value; not NaN."""
         is_zero_or_quantity = value == 0 or abs(value) >= MIN_QUANTITY
         return is_zero_or_quantity and self.place.low <= value <= self.place.high
 
     @property
     def range_in_words(self) -> str:
-        """What it takes, in its SI unit."""
+        """The range it takes, in its SI unit."""
         return f"{self.place.low:.6g} to {self.place.high:.6g} {self.unit}"
 
 

@@ -1,4 +1,4 @@
-"""What an alarm remembers beside its state: timers, inhibits, steps, settings. Times are on the run's clock.
+"""The memory of an alarm beside its state: timers, inhibits, steps, settings. Times are on the run's clock.
 
 What an on-delay or an off-delay waits for must last throughout (ISA-18.2), apart from noise. A delay runs from the
 first sample in which it is so. Samples to the contrary are forgiven as noise while they are no more in a row, or last
@@ -26,7 +26,7 @@ MINUTE_S = 60.0
 
 
 class Sample(NamedTuple):
-    """What is judged in a cycle."""
+    """A sample that is judged in a cycle."""
 
     at_s: float
     """The capture time of the frame that is new; for what is judged in every cycle, the time of the cycle."""
@@ -59,7 +59,7 @@ class Timers(Struct):
 
     @property
     def is_running(self) -> bool:
-        """Whether anything has been counted."""
+        """True if anything has been counted."""
         return bool(self.held_s or self.ended_s or self.recent or self.held_last)
 
 
@@ -90,12 +90,12 @@ def with_raise(raises_at_s: tuple[float, ...], most: int, now_s: float) -> tuple
 
 
 def is_too_frequent(raises_at_s: tuple[float, ...], most: int, now_s: float) -> bool:
-    """Return whether it came within the last minute as often as it may."""
+    """Check whether it came within the last minute as often as it may."""
     return 0 < most <= len(raises_at_s) and raises_at_s[-most] + MINUTE_S > now_s + ROUNDING_S
 
 
 class Inhibits(Struct, frozen=True, kw_only=True):
-    """What keeps an alarm quiet."""
+    """The things that keep an alarm quiet."""
 
     shelved_until_s: float | None = None
     """On the run's clock; None if it is not shelved."""
@@ -111,7 +111,7 @@ class Inhibits(Struct, frozen=True, kw_only=True):
     """Whether each part of that condition held in the newest sample."""
 
     def words(self) -> tuple[str, ...]:
-        """Return what keeps the alarm quiet, such as ``("shelved",)``; empty for nothing."""
+        """Name what keeps the alarm quiet, such as ``("shelved",)``; empty for nothing."""
         found = (
             ("shelved", self.shelved_until_s is not None),
             ("suppressed", self.is_suppressed),
@@ -121,7 +121,7 @@ class Inhibits(Struct, frozen=True, kw_only=True):
 
 
 class Acknowledgement(Struct, frozen=True, kw_only=True):
-    """Who has acknowledged an alarm, when on the run's clock, and why."""
+    """The person who has acknowledged an alarm, when on the run's clock, and why."""
 
     at_s: float
     by: str = ""

@@ -1,1 +1,1 @@
-"""Whether conditions hold, given how sure the figures are that they are judged by."""
+"""The judging of conditions, given how sure the figures are that they are judged by."""

@@ -1,4 +1,4 @@
-"""Whether a condition holds: simple ones, and those made of others with `all`, `any` and `not`.
+"""The judging of conditions: simple ones, and those made of others with `all`, `any` and `not`.
 
 Three-valued, after Kleene: what is not known is neither true nor false, and a whole is known as soon as no unknown part
 could change it. `all` is false once one part is, `any` is true once one part is.
@@ -107,7 +107,7 @@ def targets_of(condition: Condition) -> frozenset[str]:
 
 
 class Verdict(Struct, frozen=True):
-    """Whether a condition holds.
+    """The answer to whether a condition holds.
 
     Attributes:
         value: None if it cannot be known. None is never taken for True or False.
@@ -157,7 +157,7 @@ def judged_leaves(condition: Condition, held: tuple[bool, ...], *, is_active: bo
 
 
 def judged_by_cycle(condition: Condition) -> bool:
-    """Return whether any part of a condition may change though no frame comes, so that every cycle counts."""
+    """Check whether any part of a condition may change though no frame comes, so that every cycle counts."""
     return any(leaf.is_by_cycle for leaf in leaves(condition))
 
 
@@ -169,7 +169,7 @@ def _judge_part(  # positional arguments: the hot path of a cycle
     is_active: bool,
     is_inverted: bool,
 ) -> bool | None:
-    """Return whether a part of a condition holds. What to remember of its simple parts is added to the memory."""
+    """Check whether a part of a condition holds. What to remember of its simple parts is added to the memory."""
     if isinstance(condition, Leaf):
         is_on = _is_on(held, len(memory), is_active, is_inverted)
         value = condition.holds(inputs, is_on)
@@ -190,7 +190,7 @@ def _judge_part(  # positional arguments: the hot path of a cycle
 
 
 def _is_on(held: tuple[bool, ...], index: int, is_active: bool, is_inverted: bool) -> bool:
-    """Return whether a simple part is judged by what ends it. While it cannot be judged it remembers the same.
+    """Check whether a simple part is judged by what ends it. While it cannot be judged it remembers the same.
 
     While the alarm is inactive, what was before does not count: so an alarm that rests need not be judged to remember.
     """

@@ -1,4 +1,4 @@
-"""How soon a target will be here, if it goes on as it does.
+"""The time until a target will be here, if it goes on as it does.
 
 The time to contact t = (d − c) / v is a ratio, and has no normal distribution: near v = 0 it has not even a mean. But
 t < T says the same as d − c − v·T < 0, of which the left side is normally distributed, with the variance
@@ -25,7 +25,7 @@ from stadimeter.core.track import Track
 
 
 class Approach(NamedTuple):
-    """How a target comes nearer."""
+    """The way a target comes nearer."""
 
     distance_m: float
     noise_m: float
@@ -71,7 +71,7 @@ class Approach(NamedTuple):
 
 
 class SpeedKnowledge(IntEnum):
-    """What is known of a closing speed."""
+    """The knowledge of a closing speed."""
 
     SLOW = 0
     """It is surely below the least that counts."""
@@ -82,7 +82,7 @@ class SpeedKnowledge(IntEnum):
 
 
 def approach_of(track: Track) -> Approach | None:
-    """Return how a target comes nearer; None while there are no finite figures to act on."""
+    """Describe how a target comes nearer; None while there are no finite figures to act on."""
     distance_m, sigma_m = track.distance_m, track.sigma_m
     closing_mps, closing_sigma_mps = track.closing_mps, track.closing_sigma_mps
     if not track.is_valid or distance_m is None or sigma_m is None or closing_mps is None or closing_sigma_mps is None:
@@ -96,7 +96,7 @@ def approach_of(track: Track) -> Approach | None:
 
 
 def pace_of(approach: Approach, closing_min_mps: float, speed_sigmas: float) -> SpeedKnowledge:
-    """Return what is known of a closing speed: what is `speed_sigmas` standard deviations away is sure."""
+    """Return the knowledge of a closing speed: what is `speed_sigmas` standard deviations away is sure."""
     closing_mps, unsure_mps = approach.closing_mps, speed_sigmas * approach.closing_sigma_mps
     if closing_mps >= closing_min_mps and closing_mps > unsure_mps:
         return SpeedKnowledge.KNOWN
@@ -104,7 +104,7 @@ def pace_of(approach: Approach, closing_min_mps: float, speed_sigmas: float) -> 
 
 
 class TimeToContactCondition(Leaf, Struct, frozen=True, kw_only=True):
-    """How soon the target will be here, if it goes on as it does.
+    """A condition on the time until the target will be here, if it goes on as it does.
 
     Attributes:
         below_s: Holds when it is sooner than this.
@@ -150,16 +150,16 @@ class TimeToContactCondition(Leaf, Struct, frozen=True, kw_only=True):
 
     @property
     def sigmas_that_count(self) -> float:
-        """How many standard deviations the speed must be sure by; 0 for one that compares the figures alone."""
+        """Number of standard deviations the speed must be sure by; 0 for one that compares the figures alone."""
         return 0.0 if self.probability_on is None else self.speed_sigmas
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
-        """Return whether it holds; None also while the speed is not known well enough to tell."""
+        """Check whether it holds; None also while the speed is not known well enough to tell."""
         approach = approach_of(inputs.tracks[self.target])
         return None if approach is None else self._holds(approach, is_on)
 
     def speed_knowledge(self, approach: Approach) -> SpeedKnowledge:
-        """Return what is known of the closing speed."""
+        """Return the knowledge of the closing speed."""
         return pace_of(approach, self.closing_min_mps, self.sigmas_that_count)
 
     def _holds(self, approach: Approach, is_on: bool) -> bool | None:

@@ -22,7 +22,7 @@ _USUAL_SUN_S = {"": 0.0, "sunrise": DAY_S / 4, "sunset": DAY_S * 3 / 4}
 
 
 class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
-    """Whether the target is in sight.
+    """A condition on whether the target is in sight.
 
     Attributes:
         seen: True: holds while the target is tracked. False: holds while it is lost or was never seen.
@@ -54,7 +54,7 @@ class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
         return (self.target,)
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool:  # noqa: ARG002 - nothing is unsure of it
-        """Return whether it holds; see `Leaf.holds`."""
+        """Check whether it holds; see `Leaf.holds`."""
         track = inputs.tracks[self.target]
         if track.is_valid is not self.seen:
             return False
@@ -71,7 +71,7 @@ class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
 
 
 class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
-    """How many targets are in sight.
+    """A condition on the number of targets in sight.
 
     Attributes:
         targets: Of these; empty for all.
@@ -95,11 +95,11 @@ class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
 
     @property
     def where(self) -> str:
-        """Where those are that count, in words."""
+        """The place of those that count, in words."""
         return "in sight" if self.below_m is None else f"nearer than {length(self.below_m)}"
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002
-        """Return whether it holds; see `Leaf.holds`. Unknown while no fresh frame says what is in sight."""
+        """Check whether it holds; see `Leaf.holds`. Unknown while no fresh frame says what is in sight."""
         count = self.count(inputs)
         if count is None:
             return None
@@ -107,7 +107,7 @@ class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
         return (least is None or count >= least) and (most is None or count <= most)
 
     def count(self, inputs: RuleInputs) -> int | None:
-        """Return how many of its targets are in sight, and near enough to count; None while the camera is stale."""
+        """Count its targets that are in sight, and near enough to count; None while the camera is stale."""
         if inputs.safety is SafetyMode.STALE:
             return None
         tracks = [inputs.tracks[target] for target in self.targets or inputs.tracks]
@@ -129,14 +129,14 @@ class DateSpan(Struct, frozen=True):
     last: MonthDay
 
     def covers(self, day: MonthDay) -> bool:
-        """Return whether a day is among them."""
+        """Check whether a day is among them."""
         if self.first <= self.last:
             return self.first <= day <= self.last
         return day >= self.first or day <= self.last
 
 
 class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
-    """Whether it is a certain time of day, local time. Unknown while the clock is not synchronised.
+    """A condition that it is a certain time of day, local time. Unknown while the clock is not synchronised.
 
     Attributes:
         from_s: It begins this long after midnight, or after what `from_sun` names.
@@ -157,17 +157,17 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
     is_by_cycle = True
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002
-        """Return whether it holds; see `Leaf.holds`."""
+        """Check whether it holds; see `Leaf.holds`."""
         return None if inputs.wall is None else self.covers(inputs.wall)
 
     @property
     def is_by_sun(self) -> bool:
-        """Whether it goes by the sun."""
+        """True if it goes by the sun."""
         return bool(self.from_sun or self.to_sun)
 
     @property
     def _ends_next_day(self) -> bool:
-        """Whether it ends on the day after it begins.
+        """True if it ends on the day after it begins.
 
         Two times of the clock do where the second is not the later one. With the sun that differs from season to
         season, so there it is what begins in the afternoon and ends in the morning, with sunrise taken at 6 and sunset
@@ -190,7 +190,7 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
         return low_s, high_s + DAY_S * self._ends_next_day
 
     def covers(self, wall: WallTime) -> bool | None:
-        """Return whether a local time of day is within it; None if the date or the sun is not known."""
+        """Check whether a local time of day is within it; None if the date or the sun is not known."""
         interval_s = self.interval_s(wall)
         if interval_s is None or (self.dates and not wall.dates):
             return None
@@ -203,18 +203,18 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
         return False
 
     def begins_on(self, day: MonthDay) -> bool:
-        """Return whether a day is among its dates."""
+        """Check whether a day is among its dates."""
         return not self.dates or any(span.covers(day) for span in self.dates)
 
     def _begins(self, wall: WallTime, later: int) -> bool:
-        """Return whether it begins on a day, 1 for tomorrow."""
+        """Check whether it begins on a day, 1 for tomorrow."""
         if self.weekdays and (wall.weekday + later) % 7 not in self.weekdays:
             return False
         return not self.dates or self.begins_on(wall.dates[1 + later])
 
 
 class RuleCondition(Leaf, Struct, frozen=True, kw_only=True):
-    """Whether another rule is active. Unknown while that rule has nothing to judge by."""
+    """A condition that another rule is active. Unknown while that rule has nothing to judge by."""
 
     rule: str
 
@@ -227,7 +227,7 @@ class RuleCondition(Leaf, Struct, frozen=True, kw_only=True):
         return (self.rule,)
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002
-        """Return whether it holds; see `Leaf.holds`."""
+        """Check whether it holds; see `Leaf.holds`."""
         return inputs.active.get(self.rule)
 
 

@@ -1,4 +1,4 @@
-"""Whether a target is nearer or further than a threshold, judged with the track's standard deviation."""
+"""The condition that a target is nearer or further than a threshold, judged with the track's standard deviation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from stadimeter.core.conditions.limits import (
 
 
 class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
-    """Whether the target is nearer or further than a threshold.
+    """A condition that the target is nearer or further than a threshold.
 
     Attributes:
         above_m: Holds when further than this; None for no such threshold.
@@ -75,7 +75,7 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         return max(self.deadband_m, self.deadband_sigmas * noise_m * ratio * ratio)
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
-        """Return whether it holds; one between two thresholds also in the frame in which it was passed through."""
+        """Check whether it holds; one between two thresholds also in the frame in which it was passed through."""
         figures = quantity_of(inputs.tracks[self.target], self.quantity)
         if figures is None:
             return None
@@ -84,7 +84,7 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         return not is_on and self.passed_through(inputs) is not None
 
     def _is_near_or_far(self, value_m: float, sigma_m: float, noise_m: float, is_on: bool) -> bool:
-        """Return what `is_within` returns, in half the time; most conditions are on a distance, with one threshold."""
+        """Return the result of `is_within`, in half the time; most conditions are on a distance, with one threshold."""
         above_m, below_m, likely_on = self.above_m, self.below_m, self.probability_on
         if likely_on is None or (above_m is not None and below_m is not None):
             return self.is_within(value_m, sigma_m, noise_m, is_on)

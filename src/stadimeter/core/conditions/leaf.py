@@ -120,7 +120,7 @@ class Leaf:
 
     @property
     def is_signed(self) -> bool:
-        """Whether its figure may be below zero."""
+        """True if its figure may be below zero."""
         return self.unit != "m"
 
     @property
@@ -149,7 +149,7 @@ class Leaf:
         return None
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
-        """Return whether it holds; None if that cannot be known.
+        """Check whether it holds; None if that cannot be known.
 
         Args:
             is_on: Whether it is judged by what ends it, where that differs from what begins it.

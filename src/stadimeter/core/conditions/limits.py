@@ -48,12 +48,12 @@ class LimitsCondition(Leaf):
 
     @property
     def section(self) -> str:
-        """Where its thresholds stand in the table of a condition; empty for that table itself."""
+        """The section of its thresholds in the table of a condition; empty for that table itself."""
         return ""
 
     @property
     def can_end(self) -> bool:
-        """Whether a figure that is never below zero can come back over the deadband."""
+        """True if a figure that is never below zero can come back over the deadband."""
         low, high = self.limits
         return self.is_signed or math.isinf(low) or math.isfinite(high) or self.deadband < low
 
@@ -85,7 +85,7 @@ class LimitsCondition(Leaf):
 
     @property
     def deadband(self) -> float:
-        """How far the figure must come back at least, in the SI unit."""
+        """The amount the figure must come back at least, in the SI unit."""
         raise NotImplementedError
 
     def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
@@ -93,7 +93,7 @@ class LimitsCondition(Leaf):
         raise NotImplementedError
 
     def deadband_at(self, noise: float) -> float:
-        """Return how far a figure must come back over a threshold where its noise has this standard deviation."""
+        """Return the amount a figure must come back over a threshold where its noise has this standard deviation."""
         return max(self.deadband, self.deadband_sigmas * noise)
 
     def widened_limits(self, value: float, noise: float) -> tuple[float, float]:  # noqa: ARG002 - by some kinds
@@ -108,7 +108,7 @@ class LimitsCondition(Leaf):
         return low - band, high + band
 
     def is_within(self, value: float, sigma: float, noise: float, is_on: bool) -> bool:
-        """Return whether it holds for a finite figure, judged by what ends it if `is_on`, else by what begins it."""
+        """Check whether it holds for a finite figure, judged by what ends it if `is_on`, else by what begins it."""
         low, high = self.widened_limits(value, noise) if is_on else self.limits
         likely_on, likely_off = self.probability_on, self.probability_off
         if likely_on is None:
@@ -118,7 +118,7 @@ class LimitsCondition(Leaf):
         return likely >= likely_on or (is_on and likely > likely_off)
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
-        """Return whether it holds; see `Leaf.holds`."""
+        """Check whether it holds; see `Leaf.holds`."""
         figures = self.uncertain(inputs)
         return None if figures is None else self.is_within(*figures, is_on)
 

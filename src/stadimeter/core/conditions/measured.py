@@ -55,7 +55,7 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def is_comparison(self) -> bool:
-        """Whether it is on a difference."""
+        """True if it is on a difference."""
         return bool(self.other) and self.quantity != quantities.OF_TWO
 
     @property
@@ -80,7 +80,7 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def is_signed(self) -> bool:
-        """Whether the figure may be below zero; a difference always may."""
+        """True if the figure may be below zero; a difference always may."""
         return self.is_comparison or quantities.QUANTITIES[self.quantity].is_signed
 
     @property

@@ -24,7 +24,7 @@ class ContactSensorCondition(Leaf, Struct, frozen=True, kw_only=True):
 
     @property
     def noun(self) -> str:
-        """What the sensor tells of."""
+        """The thing the sensor tells of."""
         return "bumper" if self.sensor == "is_bumped" else "cliff"
 
     @property
@@ -57,7 +57,7 @@ class BatteryCondition(Leaf, Struct, frozen=True, kw_only=True):
         return (Threshold("battery_below", "below_v", 0.0, MAX_VOLTAGE_V),)
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
-        """Return whether it holds; None while the voltage is not known."""
+        """Check whether it holds; None while the voltage is not known."""
         battery_v = _battery_v(inputs)
         return None if battery_v is None else battery_v < self._threshold_v(is_on)
 

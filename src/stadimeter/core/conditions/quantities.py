@@ -108,7 +108,7 @@ def _angle(quantity: Literal["bearing", "elevation"], inputs: RuleInputs, target
 
 
 def _along(axis: tuple[float, float, float], inputs: RuleInputs, target: str) -> Uncertain | None:
-    """Return how far a target is from the camera along an axis of the camera frame."""
+    """Return the distance of a target from the camera along an axis of the camera frame."""
     distance = quantity_of(inputs.tracks[target], "distance")
     bearing, elevation = _angle("bearing", inputs, target), _angle("elevation", inputs, target)
     if distance is None or bearing is None or elevation is None:
@@ -124,7 +124,7 @@ def _tilt_rad(inputs: RuleInputs) -> float:
 
 
 def _in_robot(axis: Literal[0, 1], inputs: RuleInputs, target: str) -> Uncertain | None:
-    """Return how far a target is ahead of the middle of the robot, or to the left of it."""
+    """Return the distance of a target ahead of the middle of the robot, or to the left of it."""
     mount = inputs.viewpoint.mount
     figures = _along(mount.axes(_tilt_rad(inputs))[axis], inputs, target)
     return None if figures is None else (figures[0] + (mount.x_m, mount.y_m)[axis], *figures[1:])

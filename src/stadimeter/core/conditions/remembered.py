@@ -51,7 +51,7 @@ class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def is_signed(self) -> bool:
-        """Whether the figure may be below zero; what others did counts as such, so that it ends at zero."""
+        """True if the figure may be below zero; what others did counts as such, so that it ends at zero."""
         return bool(self.rules) or QUANTITIES[self.quantity].is_signed
 
     @property
@@ -71,7 +71,7 @@ class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def key(self) -> str:
-        """What the figure is called."""
+        """The name of the figure."""
         return self.name or f"{self.owner}: {self.noun}"
 
     @property

@@ -1,4 +1,4 @@
-"""Whether rules were raised in a certain order, soon after each other."""
+"""The condition that rules were raised in a certain order, soon after each other."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ class SequenceCondition(Leaf, Struct, frozen=True, kw_only=True):
 
     @property
     def key(self) -> str:
-        """What its completion is remembered by."""
+        """The key that its completion is remembered by."""
         return f"{' then '.join(self.rules)} within {self.within_s!r} s"
 
     def is_complete(self, raised_at_s: Mapping[str, float]) -> bool:
-        """Return whether the rules were raised in their order, in time."""
+        """Check whether the rules were raised in their order, in time."""
         times = [raised_at_s.get(rule, math.nan) for rule in self.rules]
         in_order = all(before < after for before, after in pairwise(times))
         return in_order and times[-1] - times[0] <= self.within_s + _ROUNDING_S
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002 - nothing is unsure of it
-        """Return whether it holds; None while its last rule, a ramp or one that follows, has nothing to judge by."""
+        """Check whether it holds; None while its last rule, a ramp or one that follows, has nothing to judge by."""
         at_s, last = inputs.raised_at_s.get(self.key), self.rules[-1]
         if at_s is None:
             return False

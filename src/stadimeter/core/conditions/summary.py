@@ -1,4 +1,4 @@
-"""What is remembered over a window of time: figures of targets, and how often or how long other rules were active.
+"""The memory of a window of time: figures of targets, and how often or how long other rules were active.
 
 What is kept is bounded, whatever comes: up to 256 slots of the window, each with the number of its values, their sum,
 the least and the largest. A slot begins with a value and takes those of 1/256 of the window; it leaves the window when
@@ -39,7 +39,7 @@ FigureQuantity = Literal[
 
 
 class Window(Struct, frozen=True, kw_only=True):
-    """What of the past counts.
+    """The part of the past that counts.
 
     Attributes:
         for_s: The newest part of the past, this long; one day where it begins at a time of day.
@@ -95,7 +95,7 @@ class RememberedFigure(Struct, frozen=True, kw_only=True):
 
 
 class Summary(Struct, frozen=True, kw_only=True):
-    """What is kept of one figure.
+    """The record that is kept of one figure.
 
     Attributes:
         slots: The slots, oldest first, as bytes.
@@ -129,7 +129,7 @@ class Summary(Struct, frozen=True, kw_only=True):
 def step_summary(
     figure: RememberedFigure, before: Summary, new: float | None, now_s: float, wall: WallTime | None
 ) -> Summary:
-    """Return what is kept after a cycle that brought a new value, or None; the same object if nothing has changed."""
+    """Return the summary after a cycle that brought a new value, or None; the same object if nothing has changed."""
     window, slots = figure.window, before.slots
     if new is None and not slots and window.from_second is None and before.value is not None:
         return before

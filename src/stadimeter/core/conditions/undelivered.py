@@ -1,4 +1,4 @@
-"""Whether an alarm has not reached those who are to hear of it."""
+"""A condition that holds while an alarm has not reached those who are to hear of it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class UndeliveredCondition(Leaf, Struct, frozen=True, kw_only=True):
         return self.for_s, math.inf
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool:  # noqa: ARG002 - nothing is unsure of it
-        """Return whether it holds; see `Leaf.holds`."""
+        """Check whether it holds; see `Leaf.holds`."""
         since_s = inputs.undelivered_since_s
         return since_s is not None and inputs.now_s >= since_s + self.for_s
 

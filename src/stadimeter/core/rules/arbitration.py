@@ -1,4 +1,4 @@
-"""Who wins an output."""
+"""The choice of the winner of an output."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def arbitrate(requests: Iterable[Request], outputs: Mapping[str, Output] | None 
 
 
 def rearrange(wanted: Wanted, gone: Iterable[Request], come: Iterable[Request], positions: Mapping[str, int]) -> Wanted:
-    """Return what `arbitrate` returns when only a few requests have changed, without sorting all of them.
+    """Return the same as `arbitrate` when only a few requests have changed, without sorting all of them.
 
     Lists in which nothing has changed are the same objects.
 

@@ -1,4 +1,4 @@
-"""Why a rule does what it does, and why it does not do what one might expect: in a sentence, and in figures.
+"""Reasons why a rule does what it does, and does not do what one might expect: in a sentence, and in figures.
 
 A decision keeps all that this takes, so any moment of a run or of its journal can be asked about.
 """
@@ -83,7 +83,7 @@ class Reasons(Mapping[str, str]):
 
 
 class Explanation(Struct, frozen=True, kw_only=True):
-    """What there is to say of a rule at a moment.
+    """All there is to say of a rule at a moment.
 
     Attributes:
         at_s: The moment, on the run's clock.

@@ -54,7 +54,7 @@ HINDERED_TIMES, HINDERED_S = 2.0, 0.5
 
 
 class SearchStep(Struct, frozen=True, kw_only=True):
-    """Where a search is.
+    """State of a search.
 
     Attributes:
         side: 1 for turning to the left, −1 to the right.
@@ -149,7 +149,7 @@ KEEPS = "keeps"
 
 
 class FollowStep(GatedStep, frozen=True, kw_only=True):
-    """What a follow rule remembers.
+    """The memory of a follow rule.
 
     Attributes:
         own: The way of the base.
@@ -221,7 +221,7 @@ def step_follow(
 def _kept_still(
     rule: FollowRule, before: FollowStep, now: FollowStep, base: BaseOutput, commanded: Twist, gate: Gate
 ) -> FollowStep:
-    """Return what a rule does that its gate keeps from driving: it slows down gently, or stands still.
+    """Return the step of a rule that its gate keeps from driving: it slows down gently, or stands still.
 
     Where its gate is not known, and for safety, it stands at once: nothing moves by guess.
     """
@@ -257,7 +257,7 @@ def _commanded_tilt_radps(inputs: RuleInputs, output: str) -> float:
 def _take_in(
     rule: FollowRule, before: FollowStep, inputs: RuleInputs, base: BaseOutput, commanded: Twist
 ) -> tuple[FollowStep, OwnMotion]:
-    """Return what is known by now of the way of the base and of the target on the floor."""
+    """Gather what is known by now of the way of the base and of the target on the floor."""
     own = step_own_motion(before.own, inputs.now_s, commanded, inputs.base, base.track_width_m)
     target, age_s, origin = before.target, before.age_s, before.origin or own.place
     if inputs.safety is SafetyMode.DISARMED or inputs.safety is SafetyMode.STOPPED:
@@ -274,7 +274,7 @@ def _take_in(
 
 
 def _response_s(rule: FollowRule, now: FollowStep) -> float:
-    """Return how long the wheels take to obey: what is stated beyond the age of the frames, or what is usual."""
+    """Return the time that the wheels take to obey: what is stated beyond the age of the frames, or what is usual."""
     return RESPONSE_S if rule.delay_s is None else max(0.0, rule.delay_s - (now.age_s or 0.0))
 
 
@@ -330,7 +330,7 @@ def _search(
 
 
 def _is_hindered(report: BaseReport | None) -> bool:
-    """Return whether a base touches something or hangs over an edge: then it does not turn without sight."""
+    """Check whether a base touches something or hangs over an edge: then it does not turn without sight."""
     return report is not None and bool(report.is_bumped or report.is_at_cliff)
 
 

@@ -103,7 +103,7 @@ def _angular_radps(rule: FollowRule, seen: RelativeTarget, law: Law, before: Twi
 
 
 def tilt_rate_radps(rule: FollowRule, seen: RelativeTarget, law: Law, before_radps: float) -> float:
-    """Return how fast a camera shall tilt, positive upwards, within the rule's limit; it did so at some rate before."""
+    """Return the tilt rate of a camera, positive upwards, within the rule's limit; it tilted at some rate before."""
     return _turn_radps(rule, seen, law, (seen.elevation_rad, seen.rising_mps), is_turning=before_radps != 0.0) + 0.0
 
 

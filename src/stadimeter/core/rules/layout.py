@@ -1,4 +1,4 @@
-"""What is worked out once for the rules of a plan: in which order they are judged, and what they take."""
+"""Facts worked out once for the rules of a plan: the order in which they are judged, and what they take."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from stadimeter.core.tracking.transverse import AskedMotion
 
 
 class Layout(Struct, frozen=True, kw_only=True):
-    """What is worked out once for a plan.
+    """Facts that are worked out once for a plan.
 
     Attributes:
         order: The positions of the rules in the order of judging: each after those that it asks for.

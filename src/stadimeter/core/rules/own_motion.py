@@ -1,4 +1,4 @@
-"""Where a base has gone: dead reckoning, from its commands and from its wheels' encoders.
+"""The way of a base: dead reckoning, from its commands and from its wheels' encoders.
 
 A picture is old when it is acted on, and the base has driven and turned since. What is wanted is its pose at the moment
 of the picture, and a little ahead, when the command that is decided now will act. Errors that grow with the way do not
@@ -38,7 +38,7 @@ AT_REST: Twist = (0.0, 0.0)
 
 
 class FloorPose(Struct, frozen=True):
-    """Where a base is at a time, and how far its camera is tilted up, as it reports; 0 where it does not."""
+    """Place of a base at a time, and how far its camera is tilted up, as it reports; 0 where it does not."""
 
     at_s: float
     x_m: float = 0.0
@@ -48,7 +48,7 @@ class FloorPose(Struct, frozen=True):
 
 
 class Wheels(Struct, frozen=True):
-    """What the encoders of a base say: when, and how far each wheel has rolled."""
+    """The report of a base's encoders: when, and how far each wheel has rolled."""
 
     at_s: float
     left_m: float
@@ -56,7 +56,7 @@ class Wheels(Struct, frozen=True):
 
 
 class OwnMotion(Struct, frozen=True, kw_only=True):
-    """What is known of the way of a base.
+    """Knowledge of the way of a base.
 
     Attributes:
         poses: Its newest poses, oldest first; at least one.

@@ -24,7 +24,7 @@ HOLD_ON_SIGMAS = 2.0
 
 
 class RampStep(GatedStep, frozen=True, kw_only=True):
-    """What a ramp does in one cycle."""
+    """The action of a ramp in one cycle."""
 
     level: float = 0.0
     """The level that it gives, 0 to 1; above zero, it holds on to noise."""
@@ -105,7 +105,7 @@ def ramp_level(rule: RampRule, value: float, sigma: float, noise: float, *, is_o
 
 
 def _is_near_start(rule: RampRule, value: float, sigma: float, noise: float) -> bool:
-    """Return whether noise alone may have taken a target there from where the output begins."""
+    """Check whether noise alone may have taken a target there from where the output begins."""
     reach = HOLD_ON_SIGMAS * noise + {"neutral": 0.0, "cautious": sigma, "quiet": -sigma}[rule.bias]
     if reach >= 0:
         return max(_levels_within(rule, value, reach)) > 0

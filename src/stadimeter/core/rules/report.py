@@ -23,7 +23,7 @@ LATE_S = 60.0
 
 
 class ReportStep(GatedStep, frozen=True, kw_only=True):
-    """What a rule that sends at times remembers.
+    """The memory of a rule that sends at times.
 
     Attributes:
         sent_at_s: When it was last to send, on the run's clock, or began; None before the first cycle, or the first

@@ -56,7 +56,7 @@ class EvaluatedRules(Struct, frozen=True, kw_only=True):
 
 
 class Outcome(Struct, frozen=True, kw_only=True):
-    """What came of evaluating all rules."""
+    """Result of evaluating all rules."""
 
     events: tuple[Event, ...] = ()
     notices: tuple[Notice, ...] = ()
@@ -190,7 +190,7 @@ class _Evaluation:
         )
 
     def outcome(self, answers: tuple[OperatorAnswer, ...]) -> Outcome:
-        """Return what came of it."""
+        """Return the result of it."""
         if not (self.events or self.notices or answers):
             return _NOTHING
         return Outcome(events=tuple(self.events), notices=tuple(self.notices), answers=answers)

@@ -1,4 +1,4 @@
-"""How a followed target itself moves over the floor, whatever the base does meanwhile.
+"""The motion of a followed target itself over the floor, whatever the base does meanwhile.
 
 The track's closing speed is that of the two together, and it lags behind a base that speeds up: fed forward, it would
 drive the base by its own motion. So each sighting is placed on the floor, from the pose that the base had when the
@@ -47,7 +47,7 @@ Covariance = tuple[float, float, float]
 
 
 class TargetMotion(Struct, frozen=True, kw_only=True):
-    """Where a target is on the floor and how it moves, in the frame of the base's way.
+    """Place and motion of a target on the floor, in the frame of the base's way.
 
     Attributes:
         at_s: Capture time of the newest sighting.
@@ -89,7 +89,7 @@ class TargetMotion(Struct, frozen=True, kw_only=True):
 
 
 class RelativeTarget(Struct, frozen=True, kw_only=True):
-    """Where a target is for a base, and how it moves by itself.
+    """Place of a target relative to a base, and how it moves by itself.
 
     Attributes:
         distance_m: Along the straight line from the camera.
@@ -171,7 +171,7 @@ def step_target_motion(
 
 
 def _levelled(sighting: Sighting, tilt_rad: float) -> tuple[float, float, float]:
-    """Return how far away over the floor, in which bearing and how high a level camera would have seen a target."""
+    """Return the distance over the floor, bearing and height at which a level camera would have seen a target."""
     flat_m = sighting.distance_m * math.cos(sighting.elevation_rad)
     up_m = sighting.distance_m * math.sin(sighting.elevation_rad)
     cos, sin = math.cos(tilt_rad), math.sin(tilt_rad)

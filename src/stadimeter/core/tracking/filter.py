@@ -99,7 +99,7 @@ def start_moving(
 
 
 def predict(state: FilterState, step_s: float, acceleration_mps2: float, autocorrelation: float) -> FilterState:
-    """Return what is expected of the next frame.
+    """Return the state that is expected in the next frame.
 
     Args:
         state: What is known now.
@@ -143,7 +143,7 @@ def innovation(state: FilterState, distance_m: float, noise_m: float) -> tuple[f
 
 
 def update(state: FilterState, noise_m: float, error_m: float, error_var_m2: float) -> FilterState:
-    """Return what is known after a measurement.
+    """Return the state that is known after a measurement.
 
     Args:
         state: The expectation at the measurement's time.

@@ -96,7 +96,7 @@ class TentativeTrack(NamedTuple):
     fast: MotionState | None = None
 
     def is_confirmed(self, frames: int) -> bool:
-        """Return whether it counts; a target that is surely seen takes this number of frames."""
+        """Check whether it counts; a target that is surely seen takes this number of frames."""
         return self.sure >= frames or self.frames >= max(frames, PERHAPS_FRAMES)
 
 
@@ -333,7 +333,7 @@ def _begin(state: TrackState, found: TentativeTrack, settings: Tracking) -> Trac
 def _may_be_feigned(
     state: TrackState, moved: MotionState, sighting: Sighting, innovation: Innovation, settings: Tracking
 ) -> bool:
-    """Return whether a target at constant velocity seems to have made a leap that one wrong measurement could feign.
+    """Check whether a target at constant velocity seems to have made a leap that one wrong measurement could feign.
 
     Near the camera the noise is so small that a manoeuvre allows for far more than the noise does: a wrong measurement
     within that would be believed at once. One frame decides: if the next one is there too, the target did move.
@@ -362,7 +362,7 @@ def _noise_m(state: TrackState, sighting: Sighting, settings: Tracking) -> float
 
 
 def _noise_weight(expected_m: float, seen_m: float) -> float:
-    """Return how many times its stated noise a measurement counts with.
+    """Return the multiple of its stated noise that a measurement counts with.
 
     The noise follows from the distance that was seen and grows with its square: what errs towards the camera seems the
     surest, so all together pull a track nearer, by three times its variance over the distance, and raise alarms for

@@ -79,7 +79,7 @@ class MotionState(NamedTuple):
 
 
 class Innovation(NamedTuple):
-    """How far a measurement is from what each filter expected, and the variance of such differences.
+    """Distance of a measurement from what each filter expected, and the variance of such differences.
 
     The differences are in metres, negative if the target is nearer than expected; the variances in m².
     """
@@ -123,7 +123,7 @@ def _start_alike(state: FilterState) -> MotionState:
 
 
 def predict(state: MotionState, step_s: float, acceleration_mps2: float, autocorrelation: float) -> MotionState:
-    """Return what is expected of the next frame.
+    """Return the state that is expected in the next frame.
 
     The mixing step of the IMM: each filter starts from a mixture of all, weighted by how likely the target came to its
     model from another one.
@@ -179,7 +179,7 @@ def normalise(state: MotionState, innovation: Innovation) -> float:
 
 
 def update(state: MotionState, noise_m: float, innovation: Innovation) -> MotionState:
-    """Return what is known after a measurement with noise of this standard deviation, and its innovation."""
+    """Return the state after a measurement with noise of this standard deviation, and its innovation."""
     constant_m, constant_var, swaying_m, swaying_var, manoeuvring_m, manoeuvring_var = innovation
     # Normalised innovations squared (NIS), each chi-square with one degree of freedom if its model is right. The
     # likelihood of a measurement is exp(-NIS / 2) / √variance, but for a constant; the smallest NIS is taken off all so

@@ -1,4 +1,4 @@
-"""How noisy a target truly is, learnt from its measurements: how large its noise is, how long it lasts, what stays.
+"""The true noise of a target, learnt from its measurements: how large it is, how long it lasts, what stays.
 
 A detector states the noise that it knows of: pixels, contrast, blur. What it cannot know, a stripe that turns with the
 ball, a finger, a carpet, shows over time. Three things are learnt, slowly and within bounds:
@@ -70,7 +70,7 @@ class NoiseEstimate(NamedTuple):
 
     @property
     def factor(self) -> float:
-        """How many times the stated standard deviation the noise has, 1 or more."""
+        """Ratio of the noise's standard deviation to the stated one, 1 or more."""
         return math.exp(0.5 * self.level) if self.level > 0.0 else 1.0
 
     @property
@@ -87,7 +87,7 @@ class NoiseEstimate(NamedTuple):
 def learn(
     noise: NoiseEstimate, innovation_sigmas: float, line: LineDeviation | None, step_s: float, settings: Tracking
 ) -> NoiseEstimate:
-    """Return what is known of the noise after a measurement.
+    """Return the estimate of the noise after a measurement.
 
     Args:
         noise: What was known before.
@@ -117,7 +117,7 @@ def learn(
 
 
 class LineDeviation(NamedTuple):
-    """How far a measurement is from the line through the two before it.
+    """Distance of a measurement from the line through the two before it.
 
     Attributes:
         off_m: The difference.
@@ -133,7 +133,7 @@ class LineDeviation(NamedTuple):
 def compare_with_line(
     noise: NoiseEstimate, before: tuple[Sighting, Sighting], now: Sighting, settings: Tracking
 ) -> LineDeviation | None:
-    """Return how far a sighting is from the line through the two before it; None where these are too far apart.
+    """Return a sighting's distance from the line through the two before it; None where these are too far apart.
 
     Args:
         noise: What is known of the noise.
@@ -161,7 +161,7 @@ def compare_with_line(
 
 
 def _excess(line: LineDeviation, level: float, most: float) -> float:
-    """Return how far a normalised square is above its mean, weighted by what the noise has in it."""
+    """Return the excess of a normalised square over its mean, weighted by what the noise has in it."""
     noise_var_m2 = line.noise_var_m2 * math.exp(level)
     var_m2 = noise_var_m2 + line.motion_var_m2
     return (min(line.off_m * line.off_m / var_m2, most) - _USUAL_SQUARE) * noise_var_m2 / var_m2

@@ -1,4 +1,4 @@
-"""How targets are tracked, as the configuration says."""
+"""Settings for tracking targets, as the configuration says."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from msgspec import Struct
 
 
 class Tracking(Struct, frozen=True, kw_only=True):
-    """How targets are tracked.
+    """Settings for tracking targets.
 
     Attributes:
         acceleration_mps2: Standard deviation of the target's acceleration that the filter expects.

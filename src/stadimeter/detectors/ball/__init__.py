@@ -68,7 +68,7 @@ MAX_REJECTED = 8
 
 
 class BallOptions(DriverOptions):
-    """What a ``[targets.…]`` table with ``driver = "ball"`` may hold."""
+    """Options that a ``[targets.…]`` table with ``driver = "ball"`` may hold."""
 
     diameter: BallDiameter
     """The ball's diameter, such as ``"6.4 cm"``, or its name, such as ``"tennis ball"``."""
@@ -116,7 +116,7 @@ class BallOptions(DriverOptions):
 
     @staticmethod
     def view_colour(frame: Frame, colour: str) -> ColourView:
-        """Return what a range shows in a frame; raises ValueError if it is none."""
+        """Return the view that a range gives of a frame; raises ValueError if it is none."""
         return view(frame, parse_hsv_range(colour), _detect_colour)
 
 
@@ -202,7 +202,7 @@ class BallDetector:
         return find_blobs(scene.image, colour, self._step, region)
 
     def _has_large(self, scene: BallScene, own: HsvRange) -> bool:
-        """Return whether there is a large ball beyond doubt, found in few pixels."""
+        """Check whether there is a large ball beyond doubt, found in few pixels."""
         height, width = scene.image.shape[:2]
         if width * height <= COARSE_FROM_PIXELS * self._step**2 or self._step >= COARSE_STEP:
             return False
@@ -293,13 +293,13 @@ class BallDetector:
 
 
 def _is_nearer(other: FoundBall, best: FoundBall) -> bool:
-    """Return whether something round that the border cuts off may be the ball, so that a speck is not its distance."""
+    """Check whether something round that the border cuts off may be the ball, so that a speck is not its distance."""
     is_larger = other.limb.circle.radius_px > MUCH_LARGER * best.limb.circle.radius_px
     return is_larger and other.is_cut_off
 
 
 def _is_rival(best: FoundBall, other: FoundBall) -> bool:
-    """Return whether something that lies beside the best limb, and not on it or around it, is as much like a ball."""
+    """Check whether something that lies beside the best limb, and not on it or around it, is as much like a ball."""
     first, second = best.limb.circle, other.limb.circle
     apart_px = math.hypot(first.x_px - second.x_px, first.y_px - second.y_px)
     is_apart = apart_px > max(first.radius_px, second.radius_px) and second.radius_px > RIVAL_SIZE * first.radius_px
@@ -307,7 +307,7 @@ def _is_rival(best: FoundBall, other: FoundBall) -> bool:
 
 
 def _reaches(blob: Blob, place_px: tuple[float, float]) -> bool:
-    """Return whether the circle around a blob reaches to a place."""
+    """Check whether the circle around a blob reaches to a place."""
     return math.dist((blob.circle.x_px, blob.circle.y_px), place_px) <= blob.circle.radius_px + blob.step
 
 

@@ -230,6 +230,6 @@ def _fit_kasa(circles: Values, on_it: Values, x: Values, y: Values) -> Values:
 
 
 def are_same(one: ImageCircle, other: ImageCircle) -> bool:
-    """Return whether two circles are of one outline."""
+    """Check whether two circles are of one outline."""
     off_px = max(abs(one.x_px - other.x_px), abs(one.y_px - other.y_px), abs(one.radius_px - other.radius_px))
     return off_px < SAME_SHARE * max(one.radius_px, other.radius_px)

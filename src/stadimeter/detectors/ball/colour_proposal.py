@@ -90,7 +90,7 @@ class Detect(Protocol):
     """Looks for a ball of any size with a range of colours: everywhere, or quickly at one place."""
 
     def __call__(self, frame: Frame, colour: HsvRange, around_px: Place | None = None) -> Detection:
-        """Return what is found."""
+        """Return the detection."""
 
 
 def propose(samples: Sequence[ColourSample], detect: Detect) -> ColourProposal | None:
@@ -187,7 +187,7 @@ def _is_grey(colour: HsvRange) -> bool:
 
 
 def _area_elsewhere(mask: Mask, detection: Detection) -> float:
-    """Return how much has the colour beside the ball, as a share of the ball."""
+    """Return the area that has the colour beside the ball, as a share of the ball."""
     rest, ball_px2 = _mask_out(mask, detection)
     return cv2.countNonZero(rest) / ball_px2
 
@@ -203,13 +203,13 @@ def _mask_out(mask: Mask, detection: Detection) -> tuple[Mask, float]:
 
 
 def view(frame: Frame, colour: HsvRange, detect: Detect) -> ColourView:
-    """Return what a range of colours shows in a frame."""
+    """Return the view that a range of colours gives of a frame."""
     detection, mask = detect(frame, colour), colour.mask(frame.image)
     return ColourView(detection=detection, mask=mask, others=_list_others(mask, detection, THING_SHARE))
 
 
 def _list_others(mask: Mask, detection: Detection, share: float) -> tuple[RejectedCandidate, ...]:
-    """Return what else has the colour and is not too small beside the ball, the largest first."""
+    """List the other things that have the colour and are not too small beside the ball, the largest first."""
     rest, ball_px2 = _mask_out(mask, detection)
     _, _, stats, centres = cv2.connectedComponentsWithStats(rest, connectivity=8)
     areas = stats[1:, cv2.CC_STAT_AREA]

@@ -1,4 +1,4 @@
-"""Which colours are a ball's and which are those around it, learnt from the frame itself.
+"""The colours of a ball and those around it, learnt from the frame itself.
 
 A ball may have stripes, the floor speckles, and its shadow an edge that is sharper than the ball's own. The limb is
 none of these: it is where the colours of the ball end and those of its surroundings begin. So colours are counted well
@@ -119,7 +119,7 @@ def separate(inside: Profiles, outside: Profiles) -> tuple[Profiles, float]:
 
 
 def likely_drop(codes: Image, colours: BallColours) -> Profiles:
-    """Return how far the colour of each spoke falls from the ball's to others, from the pixel before to the one after.
+    """Return the fall of each spoke's colour from the ball's to others, from the pixel before to the one after.
 
     Returns:
         Levels of 8 bits along the axis, shape ``(n, k - 2)`` for ``(n, k, 3)``; 0 where it does not fall and where the

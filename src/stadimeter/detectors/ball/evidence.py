@@ -1,4 +1,4 @@
-"""How likely a limb is that of the ball: one figure, to which all that is seen of it adds.
+"""The likelihood that a limb is that of the ball: one figure, to which all that is seen of it adds.
 
 No single test tells a ball from what chance puts together out of edges: a felt ball on a carpet scatters, a hand hides
 half of another, a third is as bright as the wall. But hardly any circle of chance is seen all around, and round, and
@@ -37,7 +37,7 @@ SMALL_PX, POSSIBLE_SMALL = 10.0, -2.7
 
 
 class Weights(NamedTuple):
-    """What each thing that is seen of a limb adds to its evidence."""
+    """The amount that each thing that is seen of a limb adds to its evidence."""
 
     start: float
     seen: float  # the share of it that shows steps
@@ -110,7 +110,7 @@ class FoundBall(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def is_possible(self) -> bool:
-        """Whether it may be the ball."""
+        """True if it may be the ball."""
         return self.evidence >= self.limit
 
     @property
@@ -127,7 +127,7 @@ class FoundBall(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def rejected(self) -> RejectedCandidate:
-        """What it is where it is not taken for the ball."""
+        """The candidate that it is where it is not taken for the ball."""
         circle = self.limb.circle
         figures = "" if math.isinf(self.evidence) else f": evidence {self.evidence:.1f}, limit {self.limit:.1f}"
         return RejectedCandidate(
@@ -149,26 +149,26 @@ class BallScene(NamedTuple):
 
     @property
     def weights(self) -> Weights:
-        """What counts."""
+        """The weights that count."""
         return COLOUR if self.colour else ANY_COLOUR
 
     @property
     def ranked(self) -> list[FoundBall]:
-        """What was seen so far, the most like the ball first."""
+        """Candidates seen so far, the most like the ball first."""
         return sorted(self.seen, key=lambda each: -each.rank)
 
     @property
     def best(self) -> FoundBall | None:
-        """What is most like the ball so far."""
+        """The candidate most like the ball so far."""
         return max(self.seen, key=lambda each: each.rank, default=None)
 
     @property
     def is_likely(self) -> bool:
-        """Whether there is a ball that is likely."""
+        """True if there is a ball that is likely."""
         return self.best is not None and self.best.evidence >= LIKELY
 
     def is_settled(self, radius_px: float = 0.0) -> bool:
-        """Return whether there is a ball beyond doubt, and nothing of up to this radius could be more like it."""
+        """Check whether there is a ball beyond doubt, and nothing of up to this radius could be more like it."""
         best = self.best
         return best is not None and best.evidence >= SURE and (not radius_px or best.rank >= max_rank(radius_px))
 
@@ -195,7 +195,7 @@ def seen_share(limb: Limb) -> float:
 
 
 def weigh(scene: BallScene, limb: Limb, *, is_alike: bool = False) -> FoundBall:
-    """Return how likely a limb is the ball's, and what speaks against it most.
+    """Weigh how likely a limb is the ball's, and what speaks against it most.
 
     Args:
         is_alike: Whether it is known that what is inside looks like the ball, and what is outside does not.
@@ -224,7 +224,7 @@ def weigh(scene: BallScene, limb: Limb, *, is_alike: bool = False) -> FoundBall:
 
 
 def _look_around(scene: BallScene, limb: Limb) -> dict[str, float]:
-    """Return what inside and outside take from the evidence, by the words for it."""
+    """Return the amounts that inside and outside take from the evidence, by the words for it."""
     pixels, weights = _sample(scene, limb), scene.weights
     if len(pixels) < MIN_DIRECTIONS:
         return {"shows too little of itself": weights.apart * MAX_APART}
@@ -290,14 +290,14 @@ def _corners(limb: Limb) -> float:
 
 
 def _agrees(circle: ImageCircle, expected: ImageCircle) -> bool:
-    """Return whether a circle is just where and as large as one is expected."""
+    """Check whether a circle is just where and as large as one is expected."""
     off_px = math.hypot(circle.x_px - expected.x_px, circle.y_px - expected.y_px)
     larger_px = abs(circle.radius_px - expected.radius_px)
     return off_px <= AGREEING_PLACE * expected.radius_px and larger_px <= AGREEING_SIZE * expected.radius_px
 
 
 def touches_border(circle: ImageCircle, image: Image) -> bool:
-    """Return whether a circle reaches the border of a picture."""
+    """Check whether a circle reaches the border of a picture."""
     height, width = image.shape[:2]
     reach_px = circle.radius_px + MARGIN_PX
     middle_px = min(circle.x_px, circle.y_px, width - 1 - circle.x_px, height - 1 - circle.y_px)
@@ -305,7 +305,7 @@ def touches_border(circle: ImageCircle, image: Image) -> bool:
 
 
 def is_as_expected(ball: FoundBall, prediction: Prediction) -> bool:
-    """Return whether a ball is where it was expected, and as large."""
+    """Check whether a ball is where it was expected, and as large."""
     circle = ball.limb.circle
     max_px = AGREE_SIGMAS * max(prediction.sigma_px, 0.0) + AGREE_PX
     off_px = math.dist((circle.x_px, circle.y_px), prediction.centre_px)
@@ -315,7 +315,7 @@ def is_as_expected(ball: FoundBall, prediction: Prediction) -> bool:
 def scene_of(
     frame: Frame, lens: CameraModel | None, colour: HsvRange | None, radii_px: tuple[float, float]
 ) -> BallScene:
-    """Return what is looked at in a frame; `PictureError` for an image that is none."""
+    """Return the scene that is looked at in a frame; `PictureError` for an image that is none."""
     check_image(frame)
     return BallScene(
         image=frame.image,

@@ -118,19 +118,19 @@ class Limb(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether its steps may be those of a pattern, of the floor or of a hand."""
+        """True if its steps may be those of a pattern, of the floor or of a hand."""
         usual_px = LOOK_SCATTER_PX + LOOK_SCATTER_OF_BLUR * max(0.0, self.width_px - SHARP_PX)
         return self.scatter_px > usual_px or self.support_inside < LOOK_SUPPORT
 
     @property
     def roughness(self) -> float:
-        """How much its steps scatter, as a share of what is usual at most: 0 for a perfect outline."""
+        """Scatter of its steps, as a share of what is usual at most: 0 for a perfect outline."""
         usual_px = ROUGH_PX + ROUGH_SHARE * self.circle.radius_px
         return self.scatter_px / (usual_px + ROUGH_OF_BLUR * max(0.0, self.width_px - SHARP_PX))
 
     @property
     def worth(self) -> float:
-        """How well it is supported: the share of the spokes with a step on it, less for those that lie beside it."""
+        """Strength of its support: the share of the spokes with a step on it, less for those that lie beside it."""
         return self.support - WORTH_OF_ROUGH * self.roughness
 
     @property
@@ -178,23 +178,23 @@ def find_limb(
 
 
 def near_px(limb: Limb) -> float:
-    """Return how far from a limb that was fitted by colour its steps may be."""
+    """Return the largest distance of steps from a limb that was fitted by colour."""
     felt_px = NEAR_SHARE * limb.circle.radius_px
     return NEAR_PX + felt_px + _oblong_px(limb) + WITHIN_OF_WIDTH * max(0.0, limb.width_px - SHARP_PX)
 
 
 def within(circle: ImageCircle) -> float:
-    """Return how far from a circle that was fitted to it the limb may be."""
+    """Return the largest distance of the limb from a circle that was fitted to it."""
     return WITHIN_PX + WITHIN_SHARE * circle.radius_px
 
 
 def _reach_px(edges: LimbEdges, limb: Limb) -> float:
-    """Return how far from the limb must be looked to see its steps whole, on an outline that is no circle."""
+    """Return the distance to look from the limb to see its steps whole, on an outline that is no circle."""
     return min(REACH_SPARE_PX + REACH_OF_WIDTH * edges.wide_width_px + _oblong_px(limb), MAX_REACH_PX)
 
 
 def _oblong_px(limb: Limb) -> float:
-    """Return how far the outline, which is an ellipse away from the optical axis, reaches beyond its circle."""
+    """Return the reach of the outline, which is an ellipse away from the optical axis, beyond its circle."""
     # The ellipse's axes differ by the factor 1 / cos θ to first order, θ off the optical axis; z is cos θ.
     z = limb.cone.axis[2]
     return limb.circle.radius_px * (1 / z - 1) if z > 0 else 0.0
@@ -235,7 +235,7 @@ def _cone_frame(edges: LimbEdges, circle: ImageCircle, lens: CameraModel) -> Con
 
 
 def _max_miss_px(circle: ImageCircle, edges: LimbEdges) -> float:
-    """Return how far from the cone its steps may be at most: felt and blur spread them."""
+    """Return the largest distance that steps may have from the cone: felt and blur spread them."""
     return OFF_PX + OFF_SHARE * circle.radius_px + OFF_OF_WIDTH * max(0.0, edges.usual_width_px - 3.0)
 
 
@@ -275,7 +275,7 @@ def _fit_robustly(frame: ConeFrame, cone: SphereCone | None, lens: CameraModel, 
 
 
 def _limits(misses: Values, max_px: float) -> tuple[float, float, float]:
-    """Return how far steps usually are from the cone, from where on they do not belong to it, and the furthest."""
+    """Return the usual distance of steps from the cone, that from which on they are not of it, and the largest."""
     # Robust scale: the 30th percentile of |miss| in place of the median, so that more than half of the steps may lie
     # elsewhere; 0.385 makes it a standard deviation for normal errors.
     ordered = np.abs(misses)
@@ -296,7 +296,7 @@ def _pick_better(one: _ConeFit | None, other: _ConeFit | None) -> _ConeFit | Non
 
 
 def _pixels_a_radian(cone: SphereCone, lens: CameraModel) -> float:
-    """Return how many pixels an angle across the cone takes in the picture: away from the optical axis more."""
+    """Return the pixels that an angle across the cone takes in the picture: away from the optical axis more."""
     # An angle dα moves a place at θ off the axis by f dα / cos² θ radially and f dα / cos θ across: the geometric mean
     # is f / cos^1.5 θ. z below 0.1 (84 degrees off) is beyond any lens here.
     return math.sqrt(lens.fx_px * lens.fy_px) / math.pow(max(cone.axis[2], 0.1), 1.5)
@@ -335,7 +335,7 @@ def _limb(fit: _ConeFit, edges: LimbEdges, lens: CameraModel) -> Limb | None:
 
 
 def _correlation(misses: Values, squared: float) -> float:
-    """Return how many times as large as of independent steps the variance of their mean is; no less than 1.
+    """Return the variance of the mean of the steps, as a multiple of that of independent ones; no less than 1.
 
     A finger, a stripe or the grain of a floor moves neighbouring steps the same way. So the sums over `BLOCKS` pieces
     of the limb vary more than those of independent steps would. Three of them are taken by the fit.

@@ -119,7 +119,7 @@ class _Rose(Struct, frozen=True, kw_only=True, eq=False):
 
 
 class _Spokes(NamedTuple):
-    """Which pixels are looked at."""
+    """The pixels that are looked at."""
 
     pixels: Indices  # index of each in the flat picture, shape ``(n, k)``
     start: Values  # where the first pixel of each spoke is: x, y and 1, shape ``(3, n)``
@@ -191,7 +191,7 @@ def limb_edges(
 
 
 def _contrast(codes: Image, steepest: Indices, light: Light) -> Profiles:
-    """Return how much more light is inside each step than outside, as a share of the brighter side: -1 to 1.
+    """Return the excess of light inside each step over outside, as a share of the brighter side: -1 to 1.
 
     The camera shows the edges of the bright too far out, those of the dark too far in, and an edge between two sides
     of the same light where it is.
@@ -222,7 +222,7 @@ def _rose(a_side: int) -> _Rose:
 
 @lru_cache(maxsize=64)
 def _offsets(a_side: int, width: int, length: int) -> tuple[Values, Indices]:
-    """Return what the index of a place in the flat picture follows from, and those along each spoke from its first."""
+    """Return the factors of the index of a place in the flat picture, and offsets along each spoke from its first."""
     index = np.array((1.0, width, 0.0))
     return index, np.outer(index.dot(_rose(a_side).step), np.arange(length)).astype(np.intp)
 
@@ -370,7 +370,7 @@ def _find_passages(share: Profiles, spoke: Indices, middle: Indices, half: Profi
 
 @lru_cache(maxsize=64)
 def _nearness(length: int) -> Profiles:
-    """Return how near the place half way to the next is to each place of a spoke, a row for each; all above zero."""
+    """Return the nearness of the place half way to the next to each of a spoke, a row for each; all above zero."""
     places = np.arange(length, dtype=np.float32)
     return np.asarray(length - np.abs(places[:-1] + 0.5 - places[:, None]), np.float32)
 

@@ -1,4 +1,4 @@
-"""Where a ball is looked for in a picture: in blobs of its colour, in circles of edges, and where it is expected.
+"""The search for a ball in a picture: in blobs of its colour, in circles of edges, and where it is expected.
 
 What is found says nothing yet: every limb is weighed (`evidence`), and the best of all is the ball. Searches are branch
 and bound: they end where nothing that is left could be better.
@@ -96,7 +96,7 @@ def search_circles(scene: BallScene, max_radius_px: float = math.inf) -> None:
 
 
 def _has_colour(scene: BallScene, circle: ImageCircle) -> bool:
-    """Return whether the square within a circle shows some of the ball's colour; whether it is in the picture."""
+    """Check whether the square within a circle shows some of the ball's colour; whether it is in the picture."""
     inside = Region.around((circle.x_px, circle.y_px), WITHIN_SQUARE * circle.radius_px, scene.image)
     if inside is None or scene.colour is None:
         return inside is not None

@@ -1,4 +1,4 @@
-"""What the set-up asks about balls. Their colour is found in pictures: `BallOptions.propose_colour`."""
+"""The questions of the set-up about balls. Their colour is found in pictures: `BallOptions.propose_colour`."""
 
 from __future__ import annotations
 

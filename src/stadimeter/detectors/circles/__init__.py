@@ -50,7 +50,7 @@ SIXTH = math.pi / 3
 
 
 class CirclesOptions(DriverOptions):
-    """What a ``[targets.…]`` table with ``detector = "circles"`` may hold."""
+    """Options that a ``[targets.…]`` table with ``detector = "circles"`` may hold."""
 
     written_elsewhere: ClassVar[dict[str, str]] = ONE_OF_A_KIND
 
@@ -171,7 +171,7 @@ class CirclesDetector:
         return abs(float(np.linalg.norm(across)) * self._size.diameter_m / (2 * self._size.spacing_m) - 1)
 
     def _is_cut_off(self, picture: EdgePicture, discs: list[Disc]) -> bool:
-        """Return whether the third disc of two that fit is at the border."""
+        """Check whether the third disc of two that fit is at the border."""
         for one, other in combinations(discs, 2):
             if one.is_bright == other.is_bright and self._off(one, other) < MAX_OFF:
                 half_axes, apart_px = _apart(one, other)

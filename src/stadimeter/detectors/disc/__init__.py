@@ -105,7 +105,7 @@ Shade = Literal["bright", "dark", "any"]
 
 
 class DiscOptions(DriverOptions):
-    """What a ``[targets.…]`` table with ``driver = "disc"`` may hold."""
+    """Options that a ``[targets.…]`` table with ``driver = "disc"`` may hold."""
 
     written_elsewhere: ClassVar[dict[str, str]] = ONE_OF_A_KIND
 

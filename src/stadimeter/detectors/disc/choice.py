@@ -1,4 +1,4 @@
-"""Which of several ellipses in a picture is the disc, and whether that can be said at all.
+"""The choice of the disc among several ellipses in a picture, and whether it can be made at all.
 
 Any ellipse of even brightness, such as another lid, looks the same as the disc. How much each speaks for being it is
 one number, see `stadimeter.detectors.disc.edges.evidence`. How many other ellipses a picture holds by chance goes with
@@ -51,7 +51,7 @@ class RefusedDisc(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def described(self) -> str:
-        """Which candidate it is, and why it is none."""
+        """Description of the candidate, and why it is none."""
         larger, smaller, _ = self.ellipse.axes()
         shade = "bright" if self.is_bright else "dark"
         return f"{shade} outline, {2 * larger:.0f}x{2 * smaller:.0f} px, {self.trouble.text}"
@@ -80,7 +80,7 @@ class Judged(Struct, kw_only=True):
 
     @property
     def has_whole(self) -> bool:
-        """Whether there is a disc that the border does not cut off."""
+        """True if there is a disc that the border does not cut off."""
         return any(not each.truncated for each in self.discs)
 
 
@@ -104,7 +104,7 @@ def find_doubt(disc: Disc, judged: Judged, lens: Lens, colour_share: float) -> s
 
 
 def _is_rival(other: Disc, disc: Disc) -> bool:
-    """Return whether another disc fits as well, elsewhere: a ring has two outlines around one centre."""
+    """Check whether another disc fits as well, elsewhere: a ring has two outlines around one centre."""
     apart_px = float(np.abs(other.edges.ellipse.centre_px - disc.edges.ellipse.centre_px).max())
     # A quarter of the diameter: inner and outer edge of a ring count as one disc.
     elsewhere = apart_px > diameters_px(disc.edges)[0] / 4
@@ -152,7 +152,7 @@ def refuse_shape(outline: Outline, view: View) -> RefusedDisc:
 
 
 def likeness(refused: RefusedDisc) -> tuple[int, float]:
-    """Return what a candidate has more of the more it is like a disc."""
+    """Return the figures of a candidate that are larger the more it is like a disc."""
     return refused.trouble.passed, refused.ellipse.axes()[0]
 
 

@@ -169,7 +169,7 @@ def measure_ellipse(
 
 
 def _drawn_in_px(rim: Rim, steps: Steps) -> Values:
-    """Return how far inside the outline the half way places are, since the outline bends within the blur.
+    """Return the distance inside the outline of the half way places, since the outline bends within the blur.
 
     Blurred by s along a curve of curvature k, half the light is at ``s (k s / 2 - (k s)³ / 6)`` inside of it, up to the
     fifth power of k s. Each edge shows the blur across itself, ``n' S n``; from all of them S follows by least squares,
@@ -195,7 +195,7 @@ def _reach_px(edge_px: float, smaller_px: float) -> float:
 
 
 def _is_near(ellipse: Ellipse, start: Ellipse, reach_px: float) -> bool:
-    """Return whether an ellipse is still about the one where it began."""
+    """Check whether an ellipse is still about the one where it began."""
     if not np.isfinite(ellipse.half_axes_px).all():
         return False
     larger, smaller, _ = ellipse.axes()
@@ -206,7 +206,7 @@ def _is_near(ellipse: Ellipse, start: Ellipse, reach_px: float) -> bool:
 
 
 def _is_hopeful(fit: _EllipseFit, steps: Steps) -> bool:
-    """Return whether enough edges are near the ellipse for more of them to be near it after the next look."""
+    """Check whether enough edges are near the ellipse for more of them to be near it after the next look."""
     larger_px = 2 * fit.ellipse.axes()[0]
     if fit.scatter_px > HOPELESS_PX + HOPELESS_BLURS * steps.edge_px + HOPELESS_SHARE * larger_px:
         return False
@@ -295,7 +295,7 @@ def _widest_gap(seen: Flags) -> float:
 
 
 def _bend_px(left_px: Values, seen: Flags) -> float:
-    """Return how far the edges are from the ellipse, less what each errs on its own, which is how neighbours differ."""
+    """Return the edges' distance from the ellipse, less what each errs on its own, which is how neighbours differ."""
     # Noise of single edges averages out over a part of the outline, a bend does not: the variance of the means, less
     # the share of it that noise explains, is that of the bend. Differences of neighbours give the noise alone.
     together = max(1, len(seen) // BEND_PARTS)
@@ -309,13 +309,13 @@ def _bend_px(left_px: Values, seen: Flags) -> float:
 
 
 def _unevenness(picture: EdgePicture, ellipse: Ellipse, rim_light: float) -> float:
-    """Return how far the light inside an ellipse is from that along its rim, but for the part that differs most."""
+    """Return the difference of light inside an ellipse from that along its rim, but for the part that differs most."""
     light, is_inside = picture.read(INSIDE @ ellipse.half_axes_px + ellipse.centre_px)
     return quantile(np.abs(light[is_inside] - rim_light), EVEN_SHARE) if is_inside.any() else 0.0
 
 
 class Trouble(NamedTuple):
-    """Why an outline is not that of a disc."""
+    """The reason why an outline is not that of a disc."""
 
     passed: int  # how many tests it passed before
     text: str  # the test that it failed, with the figure and the limit
@@ -383,12 +383,12 @@ def levels_out(edges: EllipseEdges, light: Light) -> float:
 
 
 def quality(edges: EllipseEdges) -> float:
-    """Return how much an outline looks like that of a disc: from 0 to 1."""
+    """Return the likeness of an outline to that of a disc: from 0 to 1."""
     return edges.support * (1 - edges.unevenness / MAX_UNEVENNESS) * (1 - edges.scatter_px / max_scatter_px(edges) / 2)
 
 
 def evidence(edges: EllipseEdges, light: Light) -> float:
-    """Return how much an outline speaks for the disc among others that are elliptical.
+    """Return the evidence that an outline gives for the disc among others that are elliptical.
 
     That is contrast, since a disc is put up to be seen, times the square of how round it appears, since who measures a
     disc turns it about towards the camera, over how far it is from an ellipse: the closer, the rarer by chance.

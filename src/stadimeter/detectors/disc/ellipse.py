@@ -133,7 +133,7 @@ class Lens(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def is_compressed(self) -> bool:
-        """Whether pictures store colour at a lower resolution than brightness, as JPEG does."""
+        """True if pictures store colour at a lower resolution than brightness, as JPEG does."""
         return self.camera is not None and self.camera.chroma_pitch_px != (1, 1)
 
     def bent(self, points_px: Points) -> Points:

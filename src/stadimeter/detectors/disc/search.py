@@ -105,7 +105,7 @@ class Outline(NamedTuple):
 
     @property
     def is_elliptical(self) -> bool:
-        """Whether nearly all of it lies on the ellipse."""
+        """True if nearly all of it lies on the ellipse."""
         return self.off_px < max_off_px(self.ellipse)
 
 
@@ -150,7 +150,7 @@ def pick_largest(shapes: Iterable[Shape], count: int) -> list[Outline]:
 
 
 def max_off_px(ellipse: Ellipse) -> float:
-    """Return how far the outline of an ellipse may lie from it, root mean square."""
+    """Return the distance that the outline of an ellipse may lie from it, root mean square."""
     larger, smaller, _ = ellipse.axes()
     return max(OFF_PX, OFF_SHARE * (larger + smaller) / 2)
 
@@ -184,7 +184,7 @@ def _is_compact(shape: Shape) -> bool:
 
 
 def _fit_outline(shape: Shape) -> Outline | None:
-    """Return what a shape looks like as an ellipse; None for a line."""
+    """Return the outline of a shape as an ellipse; None for a line."""
     # Area, centroid and central second moments by Green's theorem from the contour: all in pixels of the reduced
     # picture.
     moments = cv2.moments(shape.contour)
@@ -201,7 +201,7 @@ def _fit_outline(shape: Shape) -> Outline | None:
 
 
 def pick_distinct(outlines: Sequence[Outline]) -> list[Outline]:
-    """Return what was seen at several levels once, as it is most like an ellipse; the largest first."""
+    """Keep once what was seen at several levels, as it is most like an ellipse; the largest first."""
     if not outlines:
         return []
     # Greedy: the best of what is alike stays, and how many were alike says at how many levels it was seen, its

@@ -54,7 +54,7 @@ def _size(text: str, key: str, ready: str, **fixed: str) -> SetupQuestion:
 
 
 class ObjectOptions(DriverOptions):
-    """What a ``[targets.…]`` table with ``driver = "object"`` may hold."""
+    """Options that a ``[targets.…]`` table with ``driver = "object"`` may hold."""
 
     model: FilePath | None = None
     """The network: an ONNX file; None for the one that the camera runs on its sensor (``network`` in ``[camera]``)."""

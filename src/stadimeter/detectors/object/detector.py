@@ -58,7 +58,7 @@ class LoadedNetwork(Struct, frozen=True, kw_only=True, eq=False):
 
 
 class ObjectSearch(Struct, frozen=True, kw_only=True, eq=False):
-    """How an object is looked for.
+    """Settings of the search for an object.
 
     Attributes:
         every_s: The network looks once in this time of capture.
@@ -105,7 +105,7 @@ class Thing(Struct, frozen=True, kw_only=True, eq=False):
 
 
 class LastLook(Struct, frozen=True, kw_only=True, eq=False):
-    """What the network saw last.
+    """Findings of the network's last look.
 
     Attributes:
         at_s: When that picture was captured.
@@ -124,7 +124,7 @@ class LastLook(Struct, frozen=True, kw_only=True, eq=False):
     is_lost: bool = False
 
     def age_s(self, frame: Frame) -> float:
-        """Return how long ago that was; infinity for a frame that does not follow on it."""
+        """Return the time since then; infinity for a frame that does not follow on it."""
         age_s = frame.captured_at_s - self.at_s
         return age_s if age_s > 0 and self.size_px == (frame.width_px, frame.height_px) else math.inf
 

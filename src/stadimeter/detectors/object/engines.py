@@ -1,4 +1,4 @@
-"""What runs a network: OpenCV, which is always there, or ONNX Runtime, which is mostly faster."""
+"""Engines that run a network: OpenCV, which is always there, or ONNX Runtime, which is mostly faster."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the outputs of YuNet and CenterFace mean: faces with five landmarks, of which the first two are the eyes."""
+"""Meaning of the outputs of YuNet and CenterFace: faces with five landmarks, of which the first two are the eyes."""
 
 from __future__ import annotations
 

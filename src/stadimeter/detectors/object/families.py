@@ -154,7 +154,7 @@ class Recognised(Struct, frozen=True, kw_only=True):
 
     @property
     def family(self) -> NetworkFamily:
-        """What its outputs mean."""
+        """The meaning of its outputs."""
         return FAMILIES[self.name]
 
     def number_of(self, wanted: str | None) -> int:

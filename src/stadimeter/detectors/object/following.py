@@ -49,7 +49,7 @@ _STEPS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)
 
 
 class BoxPlace(NamedTuple):
-    """Where a box is: its centre, and its size as a factor of that which the network saw."""
+    """Place of a box: its centre, and its size as a factor of that which the network saw."""
 
     centre_px: tuple[float, float]
     growth: float = 1.0
@@ -72,7 +72,7 @@ class ReducedView(NamedTuple):
 
 
 class BoxPattern(Struct, frozen=True, kw_only=True, eq=False):
-    """What a box looked like when the network saw it.
+    """The look of a box when the network saw it.
 
     Attributes:
         long_px: Its longer side.
@@ -88,14 +88,14 @@ class BoxPattern(Struct, frozen=True, kw_only=True, eq=False):
 
 
 class FollowedBox(NamedTuple):
-    """Where a box is now, and the standard deviation of its growth, as a share."""
+    """Place of a box now, and the standard deviation of its growth, as a share."""
 
     place: BoxPlace
     growth_sigma: float
 
 
 def take_pattern(image: Image, corners_px: Values) -> BoxPattern | str:
-    """Return what is to be followed of a box, given by left, top, right and bottom; or why nothing can be."""
+    """Return the pattern of a box to follow, given by left, top, right and bottom; or why nothing can be followed."""
     centre, half = (corners_px[:2] + corners_px[2:]) / 2, (corners_px[2:] - corners_px[:2]) / 2
     long_px = float(2 * half.max())
     view = _view(image, BoxPlace((float(centre[0]), float(centre[1]))), long_px)

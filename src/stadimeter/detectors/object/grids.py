@@ -1,4 +1,4 @@
-"""What the outputs of YOLOX, YOLOv8 and NanoDet-Plus mean: a row of figures for each cell of grids over the input.
+"""The meaning of the outputs of YOLOX, YOLOv8 and NanoDet-Plus: a row of figures for each cell of grids over the input.
 
 A grid of stride s has a cell for each s by s pixels of the input, row by row; the grids of a family follow each other,
 the finest first. Every function takes the outputs of one picture and returns boxes in pixels of the input, with the
@@ -30,7 +30,7 @@ MAX_LOG_SIZE = 7.0
 
 
 class WantedClass(NamedTuple):
-    """What is looked for in the outputs: a class by its number, from a score on, in an input of this size."""
+    """The class to look for in the outputs: by its number, from a score on, in an input of this size."""
 
     number: int
     min_score: float
@@ -39,7 +39,7 @@ class WantedClass(NamedTuple):
 
 
 def count_cells(width: int, height: int, strides: Sequence[int]) -> int:
-    """Return how many cells the grids of an input have."""
+    """Count the cells that the grids of an input have."""
     return sum(-(-width // stride) * -(-height // stride) for stride in strides)
 
 

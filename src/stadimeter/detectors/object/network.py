@@ -81,7 +81,7 @@ def to_blob(image: Image, family: NetworkFamily) -> Blob:
 
 
 def examine(path: Path) -> NetworkReport:
-    """Return what a model file is, and how fast each engine runs it; raises as `load_model` does."""
+    """Examine a model file: what it is, and how fast each engine runs it; raises as `load_model` does."""
     file = load_model(path)
     said = NetworkReport(
         producer=file.producer, inputs=tuple(map(str, file.inputs)), outputs=tuple(map(str, file.outputs))
@@ -95,7 +95,7 @@ def examine(path: Path) -> NetworkReport:
 
 
 def _table(known: Recognised, timings: Sequence[EngineTiming]) -> dict[str, str]:
-    """Return what to write into a configuration: the first class, at the usual size, by the quickest engine."""
+    """Return the table to write into a configuration: the first class, at the usual size, by the quickest engine."""
     table = {"detector": "object", "model": str(known.file.path), "family": known.name}
     table |= (
         {"eye_distance": USUAL_EYES} if known.family.has_eyes else {"class": known.classes[0], "height": USUAL_HEIGHT}

@@ -51,7 +51,7 @@ SIGMA_FLOOR_PX = 0.015
 
 
 class PictureOptions(DriverOptions):
-    """What a ``[targets.…]`` table with ``detector = "picture"`` may hold."""
+    """The options that a ``[targets.…]`` table with ``detector = "picture"`` may hold."""
 
     file: FilePath
     """A picture that shows it from the front, and nothing around it: a scan, or what was printed."""

@@ -63,7 +63,7 @@ PROBE = 1e-5
 
 
 class Alignment(Struct, frozen=True, kw_only=True, eq=False):
-    """Where a picture lies in a frame.
+    """The place of a picture in a frame.
 
     Attributes:
         corners_px: Its corners from its own top left one on, clockwise as it is printed, shape ``(4, 2)``.
@@ -112,7 +112,7 @@ class _Samples(Struct, frozen=True, eq=False):
 
 
 def _by_corners(x: Matrix, y: Matrix) -> Matrix:
-    """Return how places move with the four corners, shape ``(n, 2, 8)``.
+    """Return the motion of places with the four corners, shape ``(n, 2, 8)``.
 
     To first order a homography near the identity moves (x, y) by ``(a x + b y + c - g x² - h x y, d x + e y + f - g x y
     - h y²)``; its eight parameters follow from the steps of the four corners by a linear system.
@@ -295,7 +295,7 @@ def _moved_back(step: Points) -> Points:
 
 
 def _spread(homography: Matrix) -> Matrix:
-    """Return how the frame's corners follow those of the picture, shape ``(8, 8)``."""
+    """Return the motion of the frame's corners with those of the picture, shape ``(8, 8)``."""
     spread = np.zeros((8, 8))
     for axis in range(2):
         moved = np.zeros(2, np.float64)

@@ -175,7 +175,7 @@ def _matches(known: Descriptors, seen: Descriptors) -> tuple[Points, Points]:
 
 
 def _is_a_view(homography: Matrix, corners_px: Points) -> bool:
-    """Return whether corners are those of a picture seen from its front."""
+    """Check whether corners are those of a picture seen from its front."""
     depths = UNIT_CORNERS @ homography[2, :2] + homography[2, 2]
     if not (np.isfinite(corners_px).all() and (depths > 0).all()):
         return False

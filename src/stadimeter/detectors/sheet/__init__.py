@@ -63,7 +63,7 @@ def _sides(size: str) -> Mapping[str, Any]:
 
 
 class SheetOptions(DriverOptions):
-    """What a ``[targets.…]`` table with ``driver = "sheet"`` may hold."""
+    """The options that a ``[targets.…]`` table with ``driver = "sheet"`` may hold."""
 
     written_elsewhere: ClassVar[dict[str, str]] = ONE_OF_A_KIND
 
@@ -286,7 +286,7 @@ def follow(
 
 
 def _looks_whole(sides: OutlineSides, expected: Prediction, min_side_px: float) -> bool:
-    """Return whether there are four straight sides that stand out all alike, about as long as expected."""
+    """Check whether there are four straight sides that stand out all alike, about as long as expected."""
     lengths = side_lengths(sides.corners_px)
     low, high = (each * expected.size_px for each in EXPECTED_SIZES)
     if not low <= max(lengths) + 3 * expected.sigma_px or not max(lengths) - 3 * expected.sigma_px <= high:
@@ -306,7 +306,7 @@ def _looks_whole(sides: OutlineSides, expected: Prediction, min_side_px: float) 
 
 
 def _misfit_px(corners_px: Points, size: SheetShape, lens: CameraModel, enough_px: float) -> float:
-    """Return how far corners are from those of the sheet, hung either way; not looked further once it is enough."""
+    """Measure how far corners are from those of the sheet, hung either way; not looked further once it is enough."""
     # Root mean square of the coordinates, as in the search, but from the pose itself: for one outline that is quicker.
     seen = lens.directions(corners_px).tolist()
     focal_px = math.sqrt(lens.fx_px * lens.fy_px)

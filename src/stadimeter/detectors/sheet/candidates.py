@@ -119,7 +119,7 @@ class Findings(Struct, kw_only=True):
 
     @property
     def is_sure(self) -> bool:
-        """Whether the best one is the sheet beyond doubt: paper, of which enough tells, and nothing contradicts."""
+        """True if the best one is the sheet beyond doubt: paper, of which enough tells, and nothing contradicts."""
         return self.best is not None and not self.doubt
 
     @property
@@ -138,7 +138,7 @@ class Findings(Struct, kw_only=True):
 
     @property
     def doubt(self) -> str:
-        """Why the best one is only perhaps the sheet, or why none is taken; empty where it is beyond doubt."""
+        """The reason the best one is only perhaps the sheet, or none is taken; empty where it is beyond doubt."""
         best, rival = self.best, self.rival
         if best is None:
             return ""
@@ -191,7 +191,7 @@ class Findings(Struct, kw_only=True):
         return max((each.size_px for each in self.refused if each.stage >= stage), default=0.0)
 
     def rejected(self) -> tuple[RejectedCandidate, ...]:
-        """Return what was refused, the most like the sheet first, each place once."""
+        """List the refused candidates, the most like the sheet first, each place once."""
         taken = None if self.rival else self.best
         others = [each for each in self.kept if each is not taken]
         every = [_as_refused(each) for each in others] + self.refused
@@ -207,18 +207,18 @@ class Findings(Struct, kw_only=True):
 
 
 def _is_inside(one: SheetCandidate, other: SheetCandidate) -> bool:
-    """Return whether an outline lies in another one, so that it is what is on the sheet."""
+    """Check whether an outline lies in another one, so that it is what is on the sheet."""
     return cv2.pointPolygonTest(other.corners_px.astype(np.float32), one.centre_px, measureDist=False) > 0
 
 
 def _contradict(one: SheetCandidate, other: SheetCandidate) -> bool:
-    """Return whether two candidates would be sheets at different distances."""
+    """Check whether two candidates would be sheets at different distances."""
     allowed = RIVAL_LOG_SIZE + RIVAL_LOG_SIZE_A_LENGTH * min(_apart(one, other), MAX_LENGTHS)
     return abs(math.log(one.longest_px / other.longest_px)) > allowed
 
 
 def _apart(one: SheetCandidate, other: SheetCandidate) -> float:
-    """Return how many of their lengths lie between their centres."""
+    """Return the number of their lengths that lie between their centres."""
     return math.dist(one.centre_px, other.centre_px) / max(one.longest_px, other.longest_px)
 
 
@@ -265,7 +265,7 @@ class SheetOutlines:
         self._tells_chance = not one_side
 
     def misfit_px(self, corners_px: Points) -> Values:
-        """Return how far outlines, ``(c, 4, 2)``, are from the sheet as they look through the best lens."""
+        """Measure how far outlines, ``(c, 4, 2)``, are from the sheet as they look through the best lens."""
         return np.asarray(np.min([each.misfit_px for each in self.fits(corners_px)], axis=0))
 
     def fits(self, corners_px: Points) -> list[SheetFit]:
@@ -291,7 +291,7 @@ _SHIFTS = np.concatenate((np.zeros((1, COORDINATES)), np.eye(COORDINATES))).resh
 
 
 class RectangleFit(Struct, frozen=True, kw_only=True, eq=False):
-    """How well outlines fit a rectangle."""
+    """The fit of outlines to a rectangle."""
 
     # How far the corners appear from where the nearest picture of the rectangle has them: root mean square of
     # the coordinates' moves, per unit of depth, shape ``(c,)``.

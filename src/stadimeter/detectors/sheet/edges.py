@@ -93,7 +93,7 @@ class QuadEdges(Struct, frozen=True, kw_only=True, eq=False):
         return corner_sigmas_px(self.scatter_px, self.steps, self.edge_px)
 
     def __len__(self) -> int:
-        """Return how many candidates there are."""
+        """Return the number of candidates."""
         return len(self.corners_px)
 
     def __getitem__(self, which: object) -> QuadEdges:
@@ -227,7 +227,7 @@ def _fit(picture: SheetPicture, frame: QuadFrame, free: Flags | None) -> QuadEdg
 
 
 def _means(levels: Profiles) -> tuple[Profiles, Profiles]:
-    """Return what is inside and what is outside each step: of two pixels each, so that one alone counts less."""
+    """Return the means inside and outside each step: of two pixels each, so that one alone counts less."""
     half = np.float32(0.5)
     return (levels[:, :, :, 0] + levels[:, :, :, 1]) * half, (levels[:, :, :, 2] + levels[:, :, :, 3]) * half
 

@@ -1,4 +1,4 @@
-"""How much speaks for an outline being the sheet: the logarithm of one likelihood ratio, and one threshold for it.
+"""Evidence for an outline being the sheet: the logarithm of one likelihood ratio, and one threshold for it.
 
 It compares how probable what is seen is of the sheet, with its tolerances, and of any other outline in such a picture.
 Its parts are independent, so they add up:
@@ -106,7 +106,7 @@ def slack_share(size: SheetShape, *, by_hand: bool = True) -> float:
 
 
 def shape_evidence(fit: SheetFit, sigmas_px: Values, longest_px: Values, size: SheetShape) -> Values:
-    """Return how much the shapes of outlines speak for the sheet: one that was printed, or cut by hand.
+    """Return the evidence of the shapes of outlines for the sheet: one that was printed, or cut by hand.
 
     Args:
         fit: Their misfit.
@@ -135,14 +135,14 @@ def _shape_ratio(fit: SheetFit, sigmas_px: Values) -> Values:
 
 
 def sides_evidence(edges: QuadEdges) -> Values:
-    """Return how much the sides of outlines speak for the sheet: those of others are there, and straight, by chance."""
+    """Return the evidence of outlines' sides for the sheet: those of others are there, and straight, by chance."""
     support = SUPPORT_POWER * np.log(np.maximum(np.add.reduce(edges.support, axis=1) / 4, 1e-3))
     odd = np.maximum(bends(edges), unevenness(edges)) - 1
     return np.asarray(support - ODD_EVIDENCE * np.maximum(odd, 0))
 
 
 class Looks:
-    """What a part of a picture looks like, to tell how probable the looks of a sheet are there.
+    """The looks of a part of a picture, to tell how probable the looks of a sheet are there.
 
     Args:
         image: The whole picture.
@@ -177,7 +177,7 @@ class Looks:
         return np.asarray(outlines_px[order[np.argsort(_rank_in_group(outlines_px[order]), kind="stable")]])
 
     def evidence(self, corners_px: Points, inside: Values, free: Flags | None = None) -> Values:
-        """Return how much the looks of outlines, and how they stand out, speak for the sheet.
+        """Return the evidence of the looks of outlines, and of how they stand out, for the sheet.
 
         Args:
             corners_px: Their corners, shape ``(c, 4, 2)``.
@@ -357,7 +357,7 @@ def in_frames(picture: Image, corners: Points) -> Flags:
 
 
 def ends_evidence(picture: Image, corners: Points, steps: Values) -> Values:
-    """Return how much the ends of the sides of outlines speak for the sheet.
+    """Return the evidence of the ends of the sides of outlines for the sheet.
 
     Args:
         picture: The reduced picture.
@@ -379,7 +379,7 @@ def ends_evidence(picture: Image, corners: Points, steps: Values) -> Values:
 
 
 def filling_evidence(image: Image, corners_px: Points, inside: Values, steps: Values) -> Values:
-    """Return how much what is inside of outlines speaks for the sheet.
+    """Return the evidence of what is inside of outlines for the sheet.
 
     Args:
         image: The picture.

@@ -89,7 +89,7 @@ def _along_first(pairs: Points, flat: Flags) -> tuple[Values, Values]:
 
 
 def bend(corners: Points, flat: Flags, along: Values, lens: CameraModel) -> Values:
-    """Return how far off the straight line between its corners each side appears: it is straight before the lens."""
+    """Return the distance of each side from the straight line between its corners: it is straight before the lens."""
     # A straight side is straight in directions (x and y per unit of depth, distortion undone), so points on it are
     # found there and projected back: CURVE_POINTS of them, and between them the bend is interpolated.
     count = len(corners)
@@ -201,7 +201,7 @@ def picked(values: NDArray[Real], places: Indices) -> NDArray[Real]:
 
 
 def _limit(off_px: Values, found: Flags, limit: Values, widest: Values) -> Values:
-    """Return how far from its line a step may be: three times the usual distance of those near it."""
+    """Return the distance a step may be from its line: three times the usual distance of those near it."""
     # The median of the used ones only: the others are sorted to the end as infinity.
     used = found & (off_px < limit)
     ordered = np.sort(np.where(used, off_px, np.inf), axis=2)

@@ -118,7 +118,7 @@ class OutlineSides(Struct, frozen=True, kw_only=True, eq=False):
 
 
 class _Look(NamedTuple):
-    """What is seen along the sides of an outline."""
+    """The view along the sides of an outline."""
 
     at: SideFrame
     max_off_px: Values  # how far from its line a step may be at most, shape ``(4, 1)``
@@ -204,7 +204,7 @@ def _read(picture: SheetPicture, corners_px: Points, reach_px: float) -> _Look |
 
 
 def _reach(corners: list[list[float]], extents: OfSides, reach_px: float, height: int, width: int) -> int:
-    """Return how far across can be looked: not beyond the border, and not near the opposite side."""
+    """Return the farthest that can be looked across: not beyond the border, and not near the opposite side."""
     x, y = zip(*corners, strict=True)
     room_px = min(*x, *y, width - 1 - max(x), height - 1 - max(y)) - 1
     if not room_px > 0:

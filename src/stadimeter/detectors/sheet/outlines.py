@@ -1,4 +1,4 @@
-"""What the corners of outlines alone say: whether they face the camera, as one side tells, and which are twins."""
+"""Evidence from the corners of outlines alone: whether they face the camera, as one side tells, and which are twins."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ AFTER, BEFORE = [1, 2, 3, 0], [3, 0, 1, 2]
 
 
 def facing_evidence(corners_px: Points, sigmas_px: Values) -> Values:
-    """Return how much outlines, ``(c, 4, 2)``, look like a rectangle of any length that faces the camera.
+    """Return the evidence that outlines, ``(c, 4, 2)``, are a rectangle of any length that faces the camera.
 
     The standard deviation of their corners' coordinates is that of the measurement and of the sheet's own shape.
     """
@@ -48,7 +48,7 @@ def facing_evidence(corners_px: Points, sigmas_px: Values) -> Values:
 
 
 def ratio_evidence(log_ratios: Values) -> Values:
-    """Return how much the ratios of sides, named to other one, as logarithms off that stated, speak for the sheet."""
+    """Return the evidence of the ratios of sides, named to other one, as logarithms off that stated, for the sheet."""
     short, long = NEAR_LOG_RATIOS
     near = np.exp(-((log_ratios / np.where(log_ratios < 0, short, long)) ** 2) / 2)
     near *= OF_THE_RATIO / ((short + long) / 2 * math.sqrt(2 * math.pi))
@@ -56,7 +56,7 @@ def ratio_evidence(log_ratios: Values) -> Values:
 
 
 def cut_off_evidence(corners_px: Points, free: Flags) -> Values:
-    """Return how much outlines that the border cuts look like a rectangle; `free` are the sides that are not seen."""
+    """Return the evidence that outlines cut by the border are a rectangle; `free` are the sides that are not seen."""
     # A corner is seen where neither of the two sides that meet there is the border.
     cosines, _ = _cosines(corners_px)
     seen = ~(free | free[:, [3, 0, 1, 2]])
@@ -78,7 +78,7 @@ def _log_sides(corners_px: Points) -> Values:
 
 
 class Twins:
-    """Which of the outlines of a picture are the one twin of another, such as strips of tape that come in pairs.
+    """The outlines of a picture that are the one twin of another, such as strips of tape that come in pairs.
 
     Args:
         outlines_px: All of them, shape ``(n, 4, 2)``.

@@ -147,7 +147,7 @@ def find_quadrilaterals(masks: Iterable[Plane], smallest_side_px: float, toleran
 
 
 def counts_of(plane: Plane, mask: Plane | None = None) -> Values:
-    """Return how many pixels have each level, of every second one in both directions, shape ``(256,)``."""
+    """Count the pixels of each level, of every second one in both directions, shape ``(256,)``."""
     of_them = None if mask is None else mask[::2, ::2].copy()
     return cv2.calcHist([plane[::2, ::2].copy()], [0], of_them, [CODES], (0, CODES)).ravel().astype(np.float64)
 
@@ -185,7 +185,7 @@ def _whole(polygons: list[Polygon], smallest_side_px: float) -> Points:
 
 
 def _turns_one_way(sine: Values) -> Flags:
-    """Return what is convex: the sides turn the same way at all four corners, and by more than the least angle."""
+    """Find what is convex: the sides turn the same way at all four corners, and by more than the least angle."""
     return np.asarray((sine > MIN_SINE).all(axis=-1) | (sine < -MIN_SINE).all(axis=-1))
 
 
@@ -233,7 +233,7 @@ def _of_pieces(polygons: list[Polygon], smallest_side_px: float, tolerance_px: f
 
 
 def _in_line(starts: Points, vectors: Points, along: Points, length: Values, tolerance_px: float) -> Values:
-    """Return how long all pieces are together that lie on the line of each, shape ``(m, 6)``."""
+    """Return the length together of all pieces that lie on the line of each, shape ``(m, 6)``."""
     # A piece lies on the line of another if both its ends are near that, and it leads the same way.
     to_start = starts[:, None] - starts[:, :, None]
     to_end = to_start + vectors[:, None]

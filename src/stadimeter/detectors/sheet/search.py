@@ -356,7 +356,7 @@ class SheetSearch:
     def _evidence(
         self, edges: QuadEdges, fits: Sequence[SheetFit], expected: Prediction | None, looks: Looks
     ) -> Values:
-        """Return how much speaks for each candidate; while the lens is not known, through that which says most."""
+        """Return the evidence for each candidate; while the lens is not known, through that which says most."""
         sigmas, longest_px = edges.corner_sigmas_px, longest_sides_px(edges.corners_px)
         fits = fits if self._is_strict else self._stated.fits(edges.corners_px)
         shape = np.max([shape_evidence(fit, sigmas, longest_px, self._size) for fit in fits], axis=0)

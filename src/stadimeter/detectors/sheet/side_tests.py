@@ -1,4 +1,4 @@
-"""What the four sides of a candidate must be like, and whether it is rather another paper than the one looked for."""
+"""Tests of the four sides of a candidate, and of whether it is rather another paper than the one looked for."""
 
 from __future__ import annotations
 
@@ -54,13 +54,13 @@ def side_tests(edges: QuadEdges, min_side_px: float) -> tuple[Test, ...]:
 
 
 def bends(edges: QuadEdges) -> Values:
-    """Return how many times the limit the steps of the most bent side scatter about a straight line, shape ``(c,)``."""
+    """Return the scatter of the most bent side's steps about a straight line, in times the limit, shape ``(c,)``."""
     limits_px = np.maximum(MAX_BEND_PX, MAX_BEND_SHARE * quad_shapes(edges.corners_px).sides_px)
     return np.asarray((edges.scatter_px / limits_px).max(axis=1))
 
 
 def unevenness(edges: QuadEdges) -> Values:
-    """Return how many times the limit the inside differs along the border, shape ``(c,)``."""
+    """Return the difference of the inside along the border, in times the limit, shape ``(c,)``."""
     uneven = np.maximum(edges.unevenness.max(axis=1), _imbalance(edges))
     return np.asarray(uneven / even_limits(edges))
 

@@ -95,7 +95,7 @@ def _several(text: str) -> Mapping[str, Any]:
 
 
 class TagOptions(DriverOptions):
-    """What a ``[targets.…]`` table with ``driver = "tag"`` may hold."""
+    """The options that a ``[targets.…]`` table with ``driver = "tag"`` may hold."""
 
     side: Length
     """The side of the black square, without the white around it, such as ``"8 cm"``."""
@@ -290,7 +290,7 @@ class TagDetector:
         return " or ".join(map(str, sorted(self._numbers)))
 
     def _missing(self, seen: LookResult | None) -> str:
-        """Return what was seen instead of the tag, in words."""
+        """Describe what was seen instead of the tag, in words."""
         if seen is not None and seen.tags:
             others = ", ".join(str(number) for number in sorted({tag.number for tag in seen.tags}))
             return f"no tag {self._named} of {self._family.name}, only {others}"
@@ -364,7 +364,7 @@ class TagDetector:
 
 
 def _is_at(rejected: RejectedCandidate, found: Detection) -> bool:
-    """Return whether a candidate is the tag itself: OpenCV sees one border from both its sides."""
+    """Check whether a candidate is the tag itself: OpenCV sees one border from both its sides."""
     if not len(found.outline_px):
         return False
     x, y = (rejected.centre_px - found.outline_px.mean(axis=0)).tolist()

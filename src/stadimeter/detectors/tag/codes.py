@@ -48,14 +48,14 @@ class SeenTag(Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Unread(NamedTuple):
-    """Why the content of an outline is no tag of the family."""
+    """The reason the content of an outline is no tag of the family."""
 
     reason: str  # the test that it failed, with the figure and the limit
     white_border: float  # the share of the border's cells that look white; 1 where there is no contrast
 
     @property
     def may_be_tag(self) -> bool:
-        """Whether it may still be a tag, if its corners were known better: most of the border is black."""
+        """True if it may still be a tag, if its corners were known better: most of the border is black."""
         return self.white_border < MAX_BORDER_DOUBTS
 
 
@@ -83,7 +83,7 @@ def read_tag(grey: Plane, corners_px: Points, family: TagFamily, *, inverted: bo
 
 
 def _cells(grey: Plane, corners: Points, count: int) -> Plane:
-    """Return how bright each cell is, shape ``(count, count)``."""
+    """Return the brightness of each cell, shape ``(count, count)``."""
     # The map leads from a square of `side` pixels to the picture, as WARP_INVERSE_MAP takes it: each sample of the
     # square is read where it comes from.
     side = count * SAMPLES
@@ -199,7 +199,7 @@ def tag_family(name: str) -> TagFamily:
 
 
 def _correctable(codes: Profiles, members: int) -> int:
-    """Return how many wrong cells leave no doubt which member it is: less than half of what two differ by at least.
+    """Return the most wrong cells that leave no doubt which member it is: less than half of the least two differ by.
 
     OpenCV says so too, but before version 5 wrongly for AprilTags.
     """

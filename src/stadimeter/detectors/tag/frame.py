@@ -69,12 +69,12 @@ class TagFrame(NamedTuple):
     max_reach: tuple[int, ...]  # how many could be, as far as cells allow it
 
     def sees_enough(self, edges_px: OfSides) -> bool:
-        """Return whether edges of these widths were looked at as far as they and the cells ask for."""
+        """Check whether edges of these widths were looked at as far as they and the cells ask for."""
         sides = zip(edges_px, self.max_reach, self.reach, strict=True)
         return all(min(edge_px + PLATEAU_PX, most) <= reach + 0.5 for edge_px, most, reach in sides)
 
     def left_px(self, edges_px: OfSides) -> float:
-        """Return how many pixels are looked at beyond edges of these widths, on the side with the fewest.
+        """Return the number of pixels looked at beyond edges of these widths, on the side with the fewest.
 
         At its steepest a Gaussian edge rises as if it took √(2π) = 2.5 standard deviations. At that distance from its
         middle it is over: black or white but for 0.6 %.
@@ -120,13 +120,13 @@ def tag_frame(
 
 
 def _inside_px(points: list[list[float]], shape: tuple[int, ...]) -> float:
-    """Return how far inside the picture the corners are; below zero if one of them is outside."""
+    """Measure how far inside the picture the corners are; below zero if one of them is outside."""
     x, y = zip(*points, strict=True)
     return float(min(*x, *y, shape[1] - 1 - max(x), shape[0] - 1 - max(y)))
 
 
 def _reaches(sides: list[SideLine], area_of_cells_px2: float, look: Look) -> tuple[int, ...]:
-    """Return how far can be looked across: the area over a side is how far away the opposite one lies."""
+    """Return the distances that can be looked across: the area over a side is how far away the opposite one lies."""
     # Divided by the number of cells that is a cell's height; the cosine turns it into pixels across.
     cells_px = [area_of_cells_px2 / (side.length_px * side.cosine) for side in sides]
     return tuple([min(max(round(look.reach_cells * cell_px), REACH_PX[0]), REACH_PX[1]) for cell_px in cells_px])
@@ -140,7 +140,7 @@ def _with_room(sides: list[SideLine], reach: int, shape: tuple[int, ...], pixel:
 
 
 def _bend(middles: Points, sides: list[SideLine], along: Values) -> Values:
-    """Return how far off its straight line each side is bent, as a parabola through its ends and its middle."""
+    """Return the bend of each side off its straight line, as a parabola through its ends and its middle."""
     rows = [(side.start, side.forward, side.slope, side.at_zero) for side in sides]
     start, forward, slope, at_zero = np.array(rows).T[:, :, None]
     flat = np.array([side.flat for side in sides])

@@ -77,14 +77,14 @@ HOLLOW = 0.25
 
 
 class TagOutlines(NamedTuple):
-    """What a look found."""
+    """The outlines that a look found."""
 
     corners_px: Points  # clockwise, the largest first, shape ``(k, 4, 2)``
     left_out_px: float = 0.0  # outlines of a shorter perimeter than this were left out since there are too many
 
 
 class _Crowd(NamedTuple):
-    """How many outlines a picture has."""
+    """The number of outlines in a picture."""
 
     perimeter_px: float  # no more than `MAX_OUTLINES` outlines have a longer one; 0 if no more have the smallest one
     contours: int = 0  # how many contours there are at half the size, of any length

@@ -162,7 +162,7 @@ def _steps(profiles: Profiles, frame: TagFrame) -> _SideSteps:
 
 
 def _levels(profiles: Profiles, frame: TagFrame) -> tuple[list[float], list[float], list[bool]]:
-    """Return how bright it is inside and outside each side, and whether its edge goes on beyond what is looked at.
+    """Return the brightness inside and outside each side, and whether its edge goes on beyond what is looked at.
 
     The edge does where it still rises at either end, and where cells allow to look further.
     """
@@ -275,7 +275,7 @@ def intersections(frame: SideFrame, lines: TagLines) -> Points | None:
 
 
 def _limit(distance: Values) -> Values:
-    """Return how far from its line a step may be."""
+    """Return the distance a step may be from its line."""
     # Three standard deviations, from the median so that outliers do not widen it, within LIMITS_PX.
     usual = MAD_TO_SIGMA * median(np.abs(distance))
     return np.minimum(np.maximum(3 * usual, LIMITS_PX[0]), LIMITS_PX[1])

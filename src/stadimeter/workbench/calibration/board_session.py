@@ -267,7 +267,7 @@ class BoardSession:
         return why_not
 
     def missing(self) -> tuple[str, ...]:
-        """Return what further views should bring, in words; nothing if the views are enough."""
+        """List what further views should bring, in words; nothing if the views are enough."""
         if not self.views:
             return ("views of the board",)
         share, uncovered = coverage(self.views, self.width_px, self.height_px)
@@ -286,7 +286,7 @@ class BoardSession:
 
     @property
     def is_done(self) -> bool:
-        """Whether the views are enough, or their number is such that more add nothing."""
+        """True if the views are enough, or their number is such that more add nothing."""
         return len(self.views) >= VIEWS_MAX or not self.missing()
 
     def _check_camera(self, frame: Frame) -> None:

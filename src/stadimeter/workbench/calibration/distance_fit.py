@@ -201,6 +201,6 @@ def _with_bias_undone(
 
 
 def _is_elsewhere(known: KnownDistance, again: KnownDistance) -> bool:
-    """Return whether another thing was taken for the target: its centre is off by more than half its size."""
+    """Check whether another thing was taken for the target: its centre is off by more than half its size."""
     size_px = max(known.detection.width_px, known.detection.height_px)
     return math.dist(known.detection.centre_px, again.detection.centre_px) > size_px / 2

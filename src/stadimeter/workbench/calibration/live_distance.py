@@ -108,17 +108,17 @@ class LiveDistance:
 
     @property
     def to_centre_m(self) -> float:
-        """How far the target's centre, which is what is measured later, is behind that point."""
+        """Distance by which the target's centre, which is what is measured later, is behind that point."""
         return self._target.detector.target_shape.limb_radius_m
 
     @property
     def takes(self) -> tuple[Take, ...]:
-        """What was seen at each distance, in the order in which they were taken."""
+        """The sightings at each distance, in the order in which they were taken."""
         return tuple(self._takes.values())
 
     @property
     def is_proved(self) -> bool:
-        """Whether there are two distances far enough apart for one to prove the other."""
+        """True if there are two distances far enough apart for one to prove the other."""
         distances_m = [take.distance_m for take in self.takes]
         return len(distances_m) > 1 and max(distances_m) >= APART_MIN * min(distances_m)
 

@@ -109,7 +109,7 @@ class SiteSession:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether the target is in a simulated world, so that the program puts it where it belongs."""
+        """True if the target is in a simulated world, so that the program puts it where it belongs."""
         return self.site.configuration.camera.options.needs_world
 
     def propose_m(self) -> list[float]:
@@ -192,7 +192,7 @@ class SiteSession:
         return [each for each in self.certificate.placements if abs(each.tape_m / tape_m - 1) > SAME_SHARE]
 
     def _watch(self, frames: Iterator[Frame], placed: Placement, *, is_timed: bool) -> tuple[Placement, dict[str, Any]]:
-        """Return what was measured, and what the certificate keeps of the view behind the target."""
+        """Return the placement that was measured, and what the certificate keeps of the view behind the target."""
         measuring, clock = Measuring((self.site.named,), self.site.model), MonotonicClock()
         seen: list[Measurement] = []
         ages_s, levels, watched, newest, reason = [], [], list[Frame](), list[Frame](), ""
@@ -229,7 +229,7 @@ class SiteSession:
         return read_placement(placed, seen, edge_px), self._view(newest, outlines)
 
     def _view(self, newest: Sequence[Frame], outlines: Sequence[Points]) -> dict[str, Any]:
-        """Return what the certificate keeps of the view of a fixed, real camera; of another nothing."""
+        """Describe the view of a fixed, real camera for the certificate; of another nothing."""
         if self.is_simulated or self.site.configuration.base is not None or len(newest) < PICTURES:
             return {}
         try:

@@ -172,7 +172,7 @@ def _real_root(computer: Computer) -> str:
 
 
 def _is_journal_kept(computer: Computer) -> bool:
-    """Return whether journald writes to the disk. Drop-ins win over the main file, by their names."""
+    """Check whether journald writes to the disk. Drop-ins win over the main file, by their names."""
     folders = ("/usr/lib/systemd/journald.conf.d", "/etc/systemd/journald.conf.d")
     parts = [part for folder in folders for part in computer.paths(f"{folder}/*.conf")]
     files = ["/etc/systemd/journald.conf", *sorted(parts, key=lambda path: Path(path).name)]

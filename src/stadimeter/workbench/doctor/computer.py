@@ -29,7 +29,7 @@ if TYPE_CHECKING:  # reading a configuration loads the libraries that may be bro
 
 
 class DiagnosisSeverity(StrEnum):
-    """How bad it is. What cannot be found out is `UNKNOWN`, never fine."""
+    """Severity of a diagnosis. What cannot be found out is `UNKNOWN`, never fine."""
 
     FINE = "fine"
     WARNING = "warning"
@@ -38,7 +38,7 @@ class DiagnosisSeverity(StrEnum):
 
 
 class Diagnosis(Struct, frozen=True):
-    """What a check found.
+    """The finding of a check.
 
     Attributes:
         seen: A phrase without a full stop.
@@ -56,17 +56,17 @@ def fine(seen: str) -> Diagnosis:
 
 
 def warning(seen: str, remedy: str) -> Diagnosis:
-    """Return what may become a problem."""
+    """Report what may become a problem."""
     return Diagnosis(DiagnosisSeverity.WARNING, seen, remedy)
 
 
 def wrong(seen: str, remedy: str) -> Diagnosis:
-    """Return what is wrong."""
+    """Report what is wrong."""
     return Diagnosis(DiagnosisSeverity.WRONG, seen, remedy)
 
 
 def unknown(seen: str, remedy: str = "") -> Diagnosis:
-    """Return what cannot be found out here."""
+    """Report what cannot be found out here."""
     return Diagnosis(DiagnosisSeverity.UNKNOWN, seen, remedy)
 
 
@@ -74,7 +74,7 @@ COMMAND_S = 4.0
 
 
 class CommandResult(Struct, frozen=True):
-    """What a command printed before it ended; `code` is None if it was stopped since it took too long."""
+    """The output of a command before it ended; `code` is None if it was stopped since it took too long."""
 
     code: int | None
     output: str
@@ -99,7 +99,7 @@ def _text(printed: bytes | None) -> str:
 
 
 class Computer(Struct, frozen=True, kw_only=True):
-    """What the checks may ask.
+    """Access to everything that the checks may ask.
 
     Attributes:
         root: Where ``/proc``, ``/sys``, ``/etc`` and ``/boot`` are found.
@@ -115,11 +115,11 @@ class Computer(Struct, frozen=True, kw_only=True):
     free_bytes: Callable[[Path], int] = lambda path: shutil.disk_usage(path).free
 
     def has(self, path: str) -> bool:
-        """Return whether there is such a file or folder."""
+        """Check whether there is such a file or folder."""
         return os.path.lexists(self._at(path))
 
     def is_readable(self, path: str) -> bool:
-        """Return whether this user may read a file."""
+        """Check whether this user may read a file."""
         return os.access(self._at(path), os.R_OK)
 
     def text(self, *paths: str) -> str:
@@ -132,7 +132,7 @@ class Computer(Struct, frozen=True, kw_only=True):
         return ""
 
     def paths(self, pattern: str) -> list[str]:
-        """Return what fits a pattern such as ``/dev/gpiochip*``, sorted."""
+        """List the paths that fit a pattern such as ``/dev/gpiochip*``, sorted."""
         return sorted(f"/{found.relative_to(self.root)}" for found in self.root.glob(pattern.lstrip("/")))
 
     def node(self, path: str) -> str:
@@ -148,12 +148,12 @@ class Computer(Struct, frozen=True, kw_only=True):
         return next((each[5] for each in self.users() if each[0] == user and len(each) > 5), f"/home/{user}")
 
     def settings(self, *patterns: str) -> dict[str, str]:
-        """Return what files of lines ``KEY=VALUE`` set; later files and lines win."""
+        """Return the settings in files of lines ``KEY=VALUE``; later files and lines win."""
         lines = "\n".join(self.text(path) for pattern in patterns for path in self.paths(pattern))
         return {key: value.strip("\"' ") for key, value in re.findall(r"^\s*(\w+)\s*=(.*)$", lines, re.MULTILINE)}
 
     def prints(self, *words: str) -> str:
-        """Return what a command prints, or ``""`` where it fails or is not installed."""
+        """Return the output of a command, or ``""`` where it fails or is not installed."""
         answer = self.run(words, COMMAND_S)
         return answer.output.strip() if answer is not None and answer.code == 0 else ""
 
@@ -164,17 +164,17 @@ class Computer(Struct, frozen=True, kw_only=True):
 
     @property
     def is_pi(self) -> bool:
-        """Whether this is a Raspberry Pi."""
+        """True if this is a Raspberry Pi."""
         return "Raspberry Pi" in self.model
 
     @property
     def is_root(self) -> bool:
-        """Whether this process may read every file."""
+        """True if this process may read every file."""
         return re.search(r"^Uid:\s+0\s", self.text("/proc/self/status"), re.MULTILINE) is not None
 
     @property
     def has_systemd(self) -> bool:
-        """Whether systemd runs this computer, as ``sd_booted`` finds out."""
+        """True if systemd runs this computer, as ``sd_booted`` finds out."""
         return self.has("/run/systemd/system")
 
     def unit(self, name: str, *properties: str) -> dict[str, str]:
@@ -183,7 +183,7 @@ class Computer(Struct, frozen=True, kw_only=True):
         return dict(line.split("=", 1) for line in self.prints(*words).splitlines() if "=" in line)
 
     def is_active(self, unit: str) -> bool:
-        """Return whether a unit of systemd is active."""
+        """Check whether a unit of systemd is active."""
         return self.prints("systemctl", "is-active", unit) == "active"
 
     def _at(self, path: str) -> Path:
@@ -191,7 +191,7 @@ class Computer(Struct, frozen=True, kw_only=True):
 
 
 class Configured(Struct, frozen=True):
-    """What the checks ask of a configuration; without one it has no pins, no ports and no schedule.
+    """The facts that the checks ask of a configuration; without one it has no pins, no ports and no schedule.
 
     Attributes:
         why_none: Why a configuration that is there, or was named, cannot be used.
@@ -248,13 +248,13 @@ def python_command() -> tuple[str, ...]:
 
 
 class Imports(Struct, frozen=True):
-    """What importing the libraries in another Python printed, line by line, and whether it ended in time."""
+    """The output, line by line, of importing the libraries in another Python, and whether it ended in time."""
 
     lines: list[dict[str, Any]]
     is_late: bool = False
 
     def lacks(self, name: str) -> bool:
-        """Return whether a library is not seen from this environment."""
+        """Check whether a library is not seen from this environment."""
         return any(line.get("name") == name and line["missing"] for line in self.lines)
 
 

@@ -1,4 +1,4 @@
-"""What the checks ask of a configuration. Loading this loads numpy, pydantic and the drivers."""
+"""The facts that the checks ask of a configuration. Loading this loads numpy, pydantic and the drivers."""
 
 from __future__ import annotations
 

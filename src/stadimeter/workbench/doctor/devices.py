@@ -142,7 +142,7 @@ def _ribbon(examined: Examined, *, has_any: bool, has_ribbon: bool) -> Iterator[
 
 
 def _has_sensor(computer: Computer) -> bool:
-    """Return whether the kernel has found a sensor on a ribbon cable: only then it makes these nodes."""
+    """Check whether the kernel has found a sensor on a ribbon cable: only then it makes these nodes."""
     names = [computer.text(path) for path in computer.paths("/sys/class/video4linux/video*/name")]
     return any(name.startswith(("unicam", "rp1-cfe")) for name in names)
 

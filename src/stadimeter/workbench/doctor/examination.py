@@ -236,7 +236,7 @@ def _judge_list(computer: Computer, wanted: Sequence[str], way: str) -> Diagnosi
 
 
 def _way(computer: Computer, wanted: Sequence[str]) -> str:
-    """Return what would drive the pins of a list, found out by the program that does it; empty if it does not say."""
+    """Name what would drive the pins of a list, found out by the program that does it; empty if it does not say."""
     with tempfile.NamedTemporaryFile("w", prefix="stadimeter-") as file:
         file.write("".join(f"{line}\n" for line in wanted))
         file.flush()

@@ -1,4 +1,4 @@
-"""What is examined: a computer, and the configuration that is to run on it."""
+"""The subject of the examination: a computer, and the configuration that is to run on it."""
 
 from __future__ import annotations
 
@@ -40,22 +40,22 @@ class Examined:
 
     @cached_property
     def imports(self) -> Imports:
-        """How importing the libraries ended."""
+        """The outcome of importing the libraries."""
         return import_libraries(self.computer)
 
     @cached_property
     def libraries(self) -> tuple[Diagnosis, ...]:
-        """What was found out on the libraries."""
+        """The findings on the libraries."""
         return tuple(libraries(self.imports))
 
     @property
     def is_of_service(self) -> bool:
-        """Whether the configuration is that of the service."""
+        """True if the configuration is that of the service."""
         return self.path is None or self.path.resolve() == Path(INSTALLED)
 
     @property
     def place(self) -> Path:
-        """Where the configuration is, or would be."""
+        """The place where the configuration is, or would be."""
         return self.path or self.computer.root / INSTALLED.lstrip("/")
 
     @cached_property

@@ -1,4 +1,4 @@
-"""How fast this computer is, measured in a process of its own: where a library is broken, only that one ends."""
+"""The speed of this computer, measured in a process of its own: where a library is broken, only that one ends."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LOOKS = 15
 
 
 def pictures_a_second() -> float:
-    """Return how many pictures of 640x480 it can look through for a ball of one colour."""
+    """Measure how many pictures of 640x480 it can look through for a ball of one colour."""
     driver = load_driver(DETECTORS, "ball").model_validate({"diameter": "20 cm", "hsv": "25,128,128:35,255,255"})
     detector: Detector = driver.build(DriverContext(name="ball", clock=SteppedClock()))
     rows, columns = np.ogrid[:480, :640]

@@ -132,7 +132,7 @@ class AgainTally:
             self._pairs.setdefault(measured.target, []).append(pair)
 
     def targets(self) -> tuple[MeasuredAgain, ...]:
-        """Return how each target compares."""
+        """Return the comparison of each target."""
         return tuple(_compare_target(target, pairs) for target, pairs in self._pairs.items())
 
 
@@ -249,7 +249,7 @@ def _pair_events(old: Sequence[Event], new: Sequence[Event]) -> list[tuple[Event
 
 
 def _has_nearer(old: Sequence[Event], new: Sequence[Event], i: int, j: int) -> bool:
-    """Return whether the later of two events is nearer to the one that follows the earlier."""
+    """Check whether the later of two events is nearer to the one that follows the earlier."""
     apart_s = new[j].at_s - old[i].at_s
     if apart_s > 0:
         return i + 1 < len(old) and abs(new[j].at_s - old[i + 1].at_s) < apart_s

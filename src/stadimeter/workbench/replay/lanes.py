@@ -1,4 +1,4 @@
-"""What two configurations do over a recording, side by side, for a picture: when each rule acted, and what outputs did.
+"""Two configurations over a recording, side by side, for a picture: when rules acted, and what outputs did.
 
 Both decide on every cycle. Only what is drawn is thinned out: of each short span of distances and levels the lowest and
 the highest stay, so that no peak is lost.
@@ -125,7 +125,7 @@ class SideBySide:
                 self.damage, self.is_done = str(error), True
 
     def difference(self) -> ReplayDiff:
-        """Return how the two differ so far."""
+        """Return the differences between the two so far."""
         return compare(self.old.tally, self.new.tally)
 
     def _through(self) -> Iterator[None]:
@@ -173,5 +173,5 @@ def _add_changed(levels: list[Point], at_s: float, level: float) -> None:
 
 
 def _strength(command: Command) -> float:
-    """Return how strongly an output acts: its level, or the speed of a base in m/s."""
+    """Return the strength with which an output acts: its level, or the speed of a base in m/s."""
     return command.level if isinstance(command, LevelCommand) else command.linear_mps

@@ -76,7 +76,7 @@ class RecordedMoment(Struct, frozen=True, eq=False):
 
 
 class RecordingIndex(Struct, kw_only=True):
-    """Where the moments of a recording stand in its file."""
+    """The places of a recording's moments in its file."""
 
     recording: McapRecording
     _chunks: list[_Chunk]
@@ -85,11 +85,11 @@ class RecordingIndex(Struct, kw_only=True):
 
     @property
     def seconds(self) -> float:
-        """How long it is."""
+        """Its duration."""
         return (self._chunks[-1].to_ns - self._chunks[0].from_ns) / 1e9
 
     def moment(self, at_s: float) -> RecordedMoment:
-        """Return what it holds of a moment, which may be before the first or after the last.
+        """Find what it holds of a moment, which may be before the first or after the last.
 
         Args:
             at_s: Since the beginning of the recording.

@@ -104,11 +104,11 @@ class McapRecording(Struct, frozen=True, kw_only=True):
         return self._cycles(with_images=True)
 
     def has_images(self) -> bool:
-        """Return whether there is a picture at all; raises JournalError if the file is damaged."""
+        """Check whether there is a picture at all; raises JournalError if the file is damaged."""
         return any(True for _ in _messages(self.path, {IMAGES}))
 
     def is_cut_off(self) -> bool:
-        """Return whether the file was not finished, as after a power cut or on a full disk."""
+        """Check whether the file was not finished, as after a power cut or on a full disk."""
         with readable(self.path) as file:
             size = file.seek(0, 2)
             file.seek(max(0, size - len(MAGIC)))
@@ -251,7 +251,7 @@ def _decompress_chunk(place: str, data: bytes) -> Chunk:
 
 
 def _decompress(chunk: Chunk) -> bytes:
-    """Return what is in a chunk, and no more than it says of itself: compressed data may say something else.
+    """Return the content of a chunk, and no more than it says of itself: compressed data may say something else.
 
     The library would decompress whatever comes out, and compressions that recordings never have, too.
     """

@@ -39,7 +39,7 @@ class AnyRecording(Protocol):
 
     @property
     def header(self) -> JournalHeader:
-        """What it says about its run."""
+        """Everything that it says about its run."""
         ...
 
     def cycles(self) -> Iterator[RecordedCycle]:
@@ -47,7 +47,7 @@ class AnyRecording(Protocol):
         ...
 
     def is_cut_off(self) -> bool:
-        """Return whether the end is missing."""
+        """Check whether the end is missing."""
         ...
 
 
@@ -84,7 +84,7 @@ class HasPictures(AnyRecording, Protocol):
         ...
 
     def has_images(self) -> bool:
-        """Return whether there is a picture at all; raises JournalError if the file is damaged."""
+        """Check whether there is a picture at all; raises JournalError if the file is damaged."""
         ...
 
 
@@ -113,7 +113,7 @@ class Redetection:
         self._perceiver = Perceiver(detectors, configuration.camera_model, configuration.footings)
 
     def observe(self, cycle: RecordedCycle, image: RecordedImage | None, state: State) -> Observation:
-        """Return what was observed in a cycle, with what is measured in its picture now.
+        """Return the observation of a cycle, with what is measured in its picture now.
 
         Args:
             state: The core's state before the cycle: its tracks say where targets are expected.

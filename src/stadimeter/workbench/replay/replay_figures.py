@@ -111,7 +111,7 @@ EARLY_S = 0.5
 
 
 class RuleFigures(Struct, frozen=True, kw_only=True):
-    """What one rule comes to.
+    """Figures of one rule.
 
     Attributes:
         late_median_s: How long after its distance was crossed it was raised, the median; None if that is not known.
@@ -152,7 +152,7 @@ class Tally(Struct):
 
     @property
     def minutes(self) -> float:
-        """How long the replay was, in minutes."""
+        """Length of the replay, in minutes."""
         return 0.0 if self.from_s is None else (self.to_s - self.from_s) / 60
 
     def add(self, observation: Observation, decision: Decision) -> None:
@@ -164,7 +164,7 @@ class Tally(Struct):
             self._add_frame(observation, decision)
 
     def figures(self) -> tuple[RuleFigures, ...]:
-        """Return what each alarm comes to, in the order of the plan. Other rules have no events."""
+        """Return the figures of each alarm, in the order of the plan. Other rules have no events."""
         return tuple(self._figures(rule) for rule in self.plan.rules if isinstance(rule, AlarmRule))
 
     def _add_frame(self, observation: Observation, decision: Decision) -> None:
@@ -226,7 +226,7 @@ def _watched_distance(rule: AlarmRule) -> DistanceCondition | None:
 
 
 def _lateness(true: Sequence[Stay], raised_s: Sequence[float], cleared_s: Sequence[float]) -> tuple[list[float], int]:
-    """Return how late the crossings were noticed, and how many were not. Alarms that stood already do not count."""
+    """Return the delays with which crossings were noticed, and how many were not. Alarms that stood do not count."""
     late_s, missed = [], 0
     for stay in true:
         begin_s = stay.from_s - EARLY_S

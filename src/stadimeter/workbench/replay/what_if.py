@@ -1,4 +1,4 @@
-"""What changed rules would have done on a recording, beside the rules of a configuration, at once.
+"""The decisions that changed rules would have made on a recording, beside the rules of a configuration, at once.
 
 What rules are judged by in a cycle (tracks, the frame, the time of day, commands of operators) does not depend on what
 they decide, unless a base is driven. So a recording is decided on once, what its rules were judged by is kept, and of a
@@ -110,7 +110,7 @@ class KeptRecording:
         return initial_state(plan) if self.from_s else first_state(self.recording, plan)
 
     def decide_with(self, plan: Plan) -> ReplaySide:
-        """Return what another plan would have decided on the cycles that are kept."""
+        """Find what another plan would have decided on the cycles that are kept."""
         rules = judged_apart(self.configuration.plan, plan)
         if rules is not None:
             return self.judge_apart(plan, rules)
@@ -121,7 +121,7 @@ class KeptRecording:
         return side
 
     def judge_apart(self, plan: Plan, rules: tuple[int, ...]) -> ReplaySide:
-        """Return what a plan would have decided, of which these rules alone are judged again; see `judged_apart`."""
+        """Find what a plan would have decided, of which these rules alone are judged again; see `judged_apart`."""
         some = replace(plan, rules=tuple(plan.rules[index] for index in rules))
         names = frozenset(rule.name for rule in some.rules)
         side = ReplaySide(Tally(some), {name: lane for name, lane in self.side.rules.items() if name not in names})

@@ -1,4 +1,4 @@
-"""What the core sees in a test: recorded observations, or synthetic ones with the noise that is to be expected.
+"""The core's input in a test: recorded observations, or synthetic ones with the noise that is to be expected.
 
 The noise of a synthetic target is normally distributed and correlated from one frame to the next as the tracker expects
 it. Directions are exact, since their uncertainty is not known. Everything random follows from a seed, and each frame
@@ -159,7 +159,7 @@ class SensorModel:
         self._stays = math.hypot(camera.focal_relative_sigma, size.relative_sigma)
 
     def sigmas_m(self, distance_m: float) -> tuple[float, float]:
-        """Return how sure a distance is, as `stadimeter.ranging.similar_triangles` expects it.
+        """Return the uncertainty of a distance, as `stadimeter.ranging.similar_triangles` expects it.
 
         Returns:
             The whole standard deviation in metres, and the part of it that differs from frame to frame.
@@ -173,7 +173,7 @@ class SensorModel:
         return size_px * self._size.longest_m / self._size.shortest_m / self._exact.width_px
 
     def is_found(self, distance_m: float) -> bool:
-        """Return whether the target appears large enough at a distance for any detector to find it."""
+        """Check whether the target appears large enough at a distance for any detector to find it."""
         return expect(self._size, self._exact, distance_m).size_px >= MIN_SIZE_PX
 
 
@@ -185,7 +185,7 @@ class TwoCameraModel(SensorModel):
         self._rig = rig
 
     def sigmas_m(self, distance_m: float) -> tuple[float, float]:
-        """Return how sure triangulation is straight ahead.
+        """Return the uncertainty of triangulation straight ahead.
 
         Noise moves the middle of an outline by half of what it adds to its size, in each of two pictures; and an error
         of the disparity counts as one of the size does, by the baseline in place of the size.
@@ -213,7 +213,7 @@ class RangeSensorModel(SensorModel):
         return None
 
     def is_found(self, distance_m: float) -> bool:
-        """Return whether the target is within its range."""
+        """Check whether the target is within its range."""
         return distance_m <= self.MAX_RANGE_M
 
 

@@ -42,7 +42,7 @@ from stadimeter.workbench.rule_tests.watches import (
 
 
 class RuleTestResult(Struct, frozen=True, kw_only=True):
-    """What came of one test.
+    """The result of one test.
 
     Attributes:
         failures: What was not met; none if it passed.
@@ -60,7 +60,7 @@ class RuleTestResult(Struct, frozen=True, kw_only=True):
 
     @property
     def passed(self) -> bool:
-        """Whether everything was as expected."""
+        """True if everything was as expected."""
         return not self.failures and not self.trouble
 
 
@@ -245,11 +245,11 @@ class _Truth:
         self._has_begun = False
 
     def begins(self, cycle: DecidedCycle) -> bool:
-        """Return whether the condition begins to hold. Shown every cycle, since a target may pass through a band."""
+        """Check whether the condition begins to hold. Shown every cycle, since a target may pass through a band."""
         return self._holds(cycle, is_on=False)
 
     def ends(self, cycle: DecidedCycle) -> bool:
-        """Return whether the condition ends, having held."""
+        """Check whether the condition ends, having held."""
         if not self._has_begun:
             self._has_begun = self._holds(cycle, is_on=False)
             return False

@@ -55,7 +55,7 @@ FindEvents = Callable[[DecidedCycle], list[Event]]
 
 
 class WatchedItem(Struct, frozen=True):
-    """What an expectation is about: a key of a rule or an output, and what that does in a cycle and why, in words."""
+    """The subject of an expectation: a key of a rule or an output, and what that does in a cycle and why, in words."""
 
     name: str
     key: str

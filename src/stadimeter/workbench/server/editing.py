@@ -102,12 +102,12 @@ def saved_text(desk: Desk) -> str | None:
 
 
 def version_of(saved: str | None) -> str:
-    """Return what tells one text from another; empty where there is none."""
+    """Return a fingerprint that tells one text from another; empty where there is none."""
     return "" if saved is None else sha256_of(saved)
 
 
 def load_text(desk: Desk, text: str, files: dict[str, str] | None = None) -> Configuration:
-    """Return what a text comes to at the place of the configuration; `ConfigError` for one that cannot be used.
+    """Load the configuration that a text makes at the configuration's place; `ConfigError` for one that cannot be used.
 
     Args:
         files: The texts of files that are looked at, or saved, with it, by their names.
@@ -175,7 +175,7 @@ def refuse_if_changed(desk: Desk, base_version: str, ours: str) -> None:
 
 
 def _diff(theirs: str, ours: str) -> list[str]:
-    """Return what saving ours would change in theirs, in the unified format."""
+    """List what saving ours would change in theirs, in the unified format."""
     lines = difflib.unified_diff(theirs.split("\n"), ours.split("\n"), "saved meanwhile", "yours", lineterm="")
     found = list(lines)
     left = len(found) - DIFF_LINES_MAX
@@ -196,7 +196,7 @@ def _versions(desk: Desk, text: str) -> list[dict[str, Any]]:
 
 
 def _find_need(desk: Desk, files: Mapping[str, str]) -> str:
-    """Return what it takes that a run goes by these files: ``nothing``, ``reload``, ``restart``, or a ``start``."""
+    """Find what it takes that a run goes by these files: ``nothing``, ``reload``, ``restart``, or a ``start``."""
     try:
         digest = ask(run_socket(desk), "hello", wait_s=HELLO_WAIT_S).get("digest")
     except ControlError:

@@ -17,7 +17,7 @@ from stadimeter.errors import ConfigError
 
 
 class DeskReply(Struct, frozen=True, kw_only=True):
-    """What an operation gives back.
+    """The result that an operation gives back.
 
     Attributes:
         data: As JSON has it: objects, lists, texts, finite numbers and null.
@@ -29,7 +29,7 @@ class DeskReply(Struct, frozen=True, kw_only=True):
 
 
 class Desk(Struct, kw_only=True):
-    """What the operations of one workbench process share.
+    """State shared by the operations of one workbench process.
 
     Attributes:
         configuration: The file that the page is for; it need not be there yet.

@@ -49,7 +49,7 @@ def recording_frame(desk: Desk, name: str, at_s: float = 0.0, draw: str = "drawn
 
 
 def _values(desk: Desk, index: RecordingIndex, moment: RecordedMoment, seen: Seen | None) -> dict[str, Any]:
-    """Return what there is to see then, by the names of a live snapshot; outlines are in the picture already."""
+    """Return the values to see then, by the names of a live snapshot; outlines are in the picture already."""
     record = moment.cycle.record()
     now_s = record.observation.now_s
     unix_s = began_unix_s(index.recording.header, 0.0) + moment.at_s
@@ -62,7 +62,7 @@ def _values(desk: Desk, index: RecordingIndex, moment: RecordedMoment, seen: See
 
 
 def _plan(desk: Desk, index: RecordingIndex) -> Plan | None:
-    """Return what the recording's configuration declares; None for one that this version cannot read."""
+    """Return the plan that the recording's configuration declares; None for one that this version cannot read."""
     recording = index.recording
     if desk.kept.get("recorded plan", (None, None))[0] is not index:
         try:

@@ -95,7 +95,7 @@ def index_of(desk: Desk, path: Path) -> RecordingIndex:
 
 
 def _file(path: Path) -> os.stat_result | None:
-    """Return what the system says of a file; None if there is none, or a link, which could lead anywhere."""
+    """Return the status that the system gives of a file; None for none, or a link, which could lead anywhere."""
     try:
         found = path.lstat()
     except (OSError, ValueError):
@@ -109,7 +109,7 @@ def _key(path: Path) -> tuple[str, int, int]:
 
 
 def about(desk: Desk, path: Path) -> dict[str, Any]:
-    """Return what is said of a recording in the list. It is looked into once, unless it grows."""
+    """Describe a recording for the list. It is looked into once, unless it grows."""
     known: dict[Any, dict[str, Any]] = desk.kept.setdefault("recordings", {})
     key = _key(path)
     if key not in known or known[key]["is_growing"]:
@@ -169,7 +169,7 @@ def _in_words(header: JournalHeader) -> str:
 
 
 def _journal_s(journal: Journal) -> float:
-    """Return how long a journal is, by the times of its first and its last whole cycle."""
+    """Return the duration of a journal, by the times of its first and its last whole cycle."""
     with open_untrusted(journal.path) as file:
         file.readline(JSON_MAX_BYTES)
         begin = _NOW.search(file.readline(JSON_MAX_BYTES)[:_NOW_WITHIN])
@@ -186,7 +186,7 @@ def _last_line(file: BinaryIO) -> bytes:
 
 
 def _is_being_written(file: BinaryIO) -> bool:
-    """Return whether a run writes to it, which keeps it locked."""
+    """Check whether a run writes to it, which keeps it locked."""
     try:
         fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except OSError:

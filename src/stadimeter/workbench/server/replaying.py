@@ -1,4 +1,4 @@
-"""What an edited configuration would have done on a recording, beside what was done."""
+"""The effect that an edited configuration would have had on a recording, beside what was done."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class SetupDesk:
 
     @property
     def known(self) -> Known:
-        """What is known so far; a `ConfigError` before the set-up has begun."""
+        """The facts known so far; a `ConfigError` before the set-up has begun."""
         return self.interview.known
 
     def state(self) -> Mapping[str, Any]:
@@ -137,7 +137,7 @@ class SetupDesk:
         return choice
 
     def newest(self) -> Frame:
-        """Return what the camera sees now, or a picture of a recording.
+        """Return the picture that the camera sees now, or one of a recording.
 
         Raises:
             ConfigError: No camera has been chosen.

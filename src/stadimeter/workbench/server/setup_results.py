@@ -1,4 +1,4 @@
-"""What the set-up comes to: how far the camera sees, what a wish would do, the wiring, and the files of Save."""
+"""The results of the set-up: how far the camera sees, what a wish would do, the wiring, and the files of Save."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ def save(
 
 
 def lesson_of(desk: Desk, moments_s: Sequence[float]) -> Lesson:
-    """Return what is kept for the configuration as it is saved: recordings of these moments, and the newest.
+    """Return the lesson kept for the configuration as it is saved: recordings of these moments, and the newest.
 
     It takes up to 90 MB, so it is freed when nothing was asked for a while.
     """

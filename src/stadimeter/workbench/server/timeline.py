@@ -67,7 +67,7 @@ def timeline(desk: Desk, from_: float, to: float, points: int = 1000) -> dict[st
 
 
 def run_time_s(desk: Desk, at_s: float) -> float | None:
-    """Return what the run's clock showed at a moment of the computer's clock; None where no timeline was kept."""
+    """Return the run's time at a moment of the computer's clock; None where no timeline was kept."""
     rows = [row for _, found in read_rows(_folder(desk), int(at_s), int(at_s) + 1, 1) for row in found]
     return float(rows[-1]["run_s"]) + at_s % 1 if rows else None
 

@@ -1,4 +1,4 @@
-"""What the timeline shows beside its figures: clips, thresholds, and what there is to say of one moment."""
+"""The parts of the timeline beside its figures: clips, thresholds, and what there is to say of one moment."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def _ended_s(path: Path) -> float:
 
 
 def _decided(index: RecordingIndex, since_s: float) -> list[dict[str, str]]:
-    """Return what each rule did at a moment of a recording, and why if deciding it again comes to the same."""
+    """List what each rule did at a moment of a recording, and why if deciding it again comes to the same."""
     recorded = index.moment(since_s).cycle.record()
     until_s = recorded.observation.now_s
     run = replay_run(index.recording, None)

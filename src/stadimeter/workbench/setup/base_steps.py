@@ -38,7 +38,7 @@ def base_drivers() -> dict[str, type[DriverOptions] | None]:
 
 
 class BaseStep(SetupStep):
-    """What moves the robot."""
+    """The question of what moves the robot."""
 
     key = "base"
 

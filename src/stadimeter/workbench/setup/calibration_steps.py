@@ -45,7 +45,7 @@ SKIP = "skip"
 
 
 class CalibrationStep(SetupStep):
-    """How far away things are that look so large."""
+    """The question of how far away things are that look so large."""
 
     key = "calibration"
     names_files = True
@@ -90,7 +90,7 @@ class ProofStep(SetupStep):
     names_files = True
 
     def is_asked(self, known: Known) -> bool:
-        """Return whether the camera was calibrated with what it saw just now."""
+        """Check whether the camera was calibrated with what it saw just now."""
         answer = known.answers.get("calibration", "")
         return known.is_live and answer.startswith(f"{PICTURES}/") and answer != BOARD_FILE
 
@@ -331,7 +331,7 @@ def fit_lens(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Camer
 
 
 def _relative_sigma(pictures: Sequence[PictureAt]) -> float:
-    """Return how well the distances are known: as well as the worst of them."""
+    """Find how well the distances are known: as well as the worst of them."""
     return max(each.relative_sigma for each in pictures)
 
 
@@ -361,7 +361,7 @@ def describe_lens(model: CameraModel) -> str:
 
 
 def is_unusual(model: CameraModel) -> bool:
-    """Return whether hardly any camera has such a lens."""
+    """Check whether hardly any camera has such a lens."""
     return not MIN_VIEW_RAD <= _view_rad(model) <= MAX_VIEW_RAD
 
 

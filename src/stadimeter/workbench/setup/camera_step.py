@@ -59,7 +59,7 @@ _PLAIN = re.compile(r"[\w@%+=:,./*?\[\]~-]+")
 
 
 class CameraStep(SetupStep):
-    """Which camera: one that is there, a stream, or a recording of one."""
+    """The choice of a camera: one that is there, a stream, or a recording of one."""
 
     key = "camera"
     names_files = True
@@ -122,7 +122,7 @@ _YES_OR_NO: Mapping[str, Any] = {"yes": True, "no": False}
 
 
 def _names_driver(text: str) -> bool:
-    """Return whether an answer is a device, an address or a driver with its options, rather than files."""
+    """Check whether an answer is a device, an address or a driver with its options, rather than files."""
     driver, _, options = text.partition(",")
     if driver.isdecimal() or driver.startswith("/dev/") or "://" in driver or driver in driver_names(CAMERAS):
         return True

@@ -99,7 +99,7 @@ class ColourTrial(Struct):
         self.colour = colour
 
     def figures(self, frame: Frame, seen: ColourView) -> dict[str, Any]:
-        """Return what the range as it is tried gives on the ball and on the rest of a picture."""
+        """Return the figures that the range as it is tried gives on the ball and on the rest of a picture."""
         ball = seen.detection
         if ball.status is not DetectionStatus.NOT_FOUND:
             self.finds = self.colour
@@ -139,7 +139,7 @@ class ColourTrial(Struct):
 
 
 def ball_colours() -> type[ProposesColour]:
-    """Return what works with the ranges of colours of balls; raises `ConfigError` if the installed driver does not."""
+    """Return the detector that works with ranges of colours; `ConfigError` if the installed driver does not."""
     driver = load_driver(DETECTORS, "ball")
     if not issubclass(driver, ProposesColour):
         raise ConfigError("the detector for balls goes by no colour")
@@ -147,7 +147,7 @@ def ball_colours() -> type[ProposesColour]:
 
 
 def view_range(frame: Frame, colour: str) -> ColourView:
-    """Return what a range shows in a frame; a `ConfigError` if it is none."""
+    """Return a view of what a range shows in a frame; a `ConfigError` if it is none."""
     try:
         return ball_colours().view_colour(frame, colour)
     except ValueError as error:
@@ -204,7 +204,7 @@ class ColourStep(SetupStep):
     names_files = True
 
     def is_asked(self, known: Known) -> bool:
-        """Return whether the target goes by colour."""
+        """Check whether the target goes by colour."""
         return "target" in known.answers and kind_of(known.answers).has_colour
 
     def question(self, known: Known) -> Question:

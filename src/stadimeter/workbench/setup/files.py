@@ -58,7 +58,7 @@ VISIT_S = 3.1
 
 
 class Blank(Struct, frozen=True, kw_only=True):
-    """What a wish leaves open; its units are those of the ready answer.
+    """A part that a wish leaves open; its units are those of the ready answer.
 
     Attributes:
         kind: A ``quantity``, ``count``, ``time`` of day, ``tag``, ``button``, ``place``, ``setting`` (what
@@ -84,7 +84,7 @@ class Blank(Struct, frozen=True, kw_only=True):
 
     @property
     def is_length(self) -> bool:
-        """Whether it is a distance."""
+        """True if it is a distance."""
         return self.unit == "m"
 
 
@@ -109,13 +109,13 @@ class Wish(Struct, frozen=True, kw_only=True):
     needs_several: bool = False
 
     def fill(self, answers: Mapping[str, str]) -> dict[str, str]:
-        """Return what stands for each blank in its texts; the ready answer where there is none yet."""
+        """Return the text that stands for each blank in its texts; the ready answer where there is none yet."""
         texts = {each: " ".join(answers.get(f"{self.key}_{each.key}", each.ready).split()) for each in self.blanks}
         return {blank.key: _WRITTEN.get(blank.kind, str)(text) for blank, text in texts.items()}
 
     @property
     def needs_output(self) -> bool:
-        """Whether it is nothing without something that it drives: a level alone reports nothing."""
+        """True if it is nothing without something that it drives: a level alone reports nothing."""
         return "}ramp" in self.rules
 
 
@@ -207,7 +207,7 @@ def tag_table(text: str) -> dict[str, Any]:
 
 
 def tag_name(text: str) -> str:
-    """Return what a second target is called, such as ``tag-7``."""
+    """Name a second target, such as ``tag-7``."""
     family, _, number = text.partition(",")[0].strip().partition(" ")
     return f"tag-{number.strip()}" if family == USUAL_FAMILY else f"tag-{family}-{number.strip()}"
 

@@ -276,7 +276,7 @@ def write_files(folder: Path, files: Mapping[str, str]) -> Iterator[str]:
 
 
 def was_left(answers: Path, configuration: Path) -> bool:
-    """Return whether an interview was left before its end: its answers are newer than what came of the last one."""
+    """Check whether an interview was left before its end: its answers are newer than what came of the last one."""
     answered_ns = _modified_ns(answers)
     return answered_ns is not None and answered_ns > (_modified_ns(configuration) or 0)
 

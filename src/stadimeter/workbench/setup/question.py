@@ -1,4 +1,4 @@
-"""What the setup knows so far, and the protocol of its questions: from an answer to what is accepted."""
+"""The setup's knowledge so far, and the protocol of its questions: from an answer to what is accepted."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BOARD_FILE = f"{PICTURES}/board.toml"
 
 
 class Known(Struct, kw_only=True):
-    """What is known so far.
+    """The facts known so far.
 
     Attributes:
         folder: Where the files will be; relative paths in answers are relative to it.
@@ -145,7 +145,7 @@ class Option(NamedTuple):
 
 
 class Question(Struct, frozen=True, kw_only=True):
-    """What is asked next.
+    """The next question.
 
     Attributes:
         key: The name of the answer in a file of answers; `Interview` fills it in, and the kind.
@@ -204,7 +204,7 @@ class SetupStep(ABC):
     asked: Question
 
     def is_asked(self, known: Known) -> bool:  # noqa: ARG002 - most are
-        """Return whether earlier answers leave this open."""
+        """Check whether earlier answers leave this open."""
         return True
 
     def question(self, known: Known) -> Question:  # noqa: ARG002 - most look at earlier answers

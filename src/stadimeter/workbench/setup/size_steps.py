@@ -21,10 +21,10 @@ KEYS = ("way", "way_2", "way_3")
 
 
 class SizelessCalibrationStep(CalibrationStep):
-    """How the camera was calibrated, where the target's size is not known and so calibrates nothing."""
+    """The question of how the camera was calibrated, where the target's size is not known and so calibrates nothing."""
 
     def is_asked(self, known: Known) -> bool:
-        """Return whether the size is not known."""
+        """Check whether the size is not known."""
         return is_unknown(known.answers.get("size", ""))
 
     def question(self, known: Known) -> Question:
@@ -52,7 +52,7 @@ class WayStep(SetupStep):
         self.key = KEYS[self.number]
 
     def is_asked(self, known: Known) -> bool:
-        """Return whether the size is to be learnt, or just was."""
+        """Check whether the size is to be learnt, or just was."""
         is_learnt = is_unknown(known.answers.get("size", "")) or KEYS[0] in known.answers
         return is_learnt and (known.is_live or self.number == 0)
 

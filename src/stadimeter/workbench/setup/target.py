@@ -77,7 +77,7 @@ def target_table(answers: Mapping[str, str]) -> dict[str, Any]:
 
 
 def is_unknown(size: str) -> bool:
-    """Return whether an answer says that a size is not known."""
+    """Check whether an answer says that a size is not known."""
     return size.lower() in UNKNOWN_SIZE
 
 
@@ -89,7 +89,7 @@ def members_of(answers: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def target_shape(choice: DriverChoice) -> TargetShape:
-    """Return what a target's detector knows of its shape."""
+    """Return a target's shape, as far as its detector knows it."""
     (named,) = build_detectors([choice], None)
     return named.detector.target_shape
 
@@ -187,7 +187,7 @@ def describe_detection(name: str, found: Detection) -> str:
 
 
 class TargetStep(SetupStep):
-    """What to measure."""
+    """The question of what to measure."""
 
     key = "target"
 
@@ -278,5 +278,5 @@ def _describe_size(options: Any) -> str:
 
 
 def is_doubtful(found: Detection) -> bool:
-    """Return whether a person should look again: there is no target, or it looks like another one."""
+    """Check whether a person should look again: there is no target, or it looks like another one."""
     return found.status is not DetectionStatus.FOUND or " instead of " in found.reason

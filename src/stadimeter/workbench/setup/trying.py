@@ -196,7 +196,7 @@ def look_for_target(known: Known, frame: Frame, target: DriverChoice) -> tuple[D
 
 
 def describe_picture(frame: Frame, seen: Detection | None, measured: Measurement | None) -> Mapping[str, Any]:
-    """Return what is known of a picture, as JSON has it; places are in the camera's own pixels."""
+    """Describe what is known of a picture, as JSON has it; places are in the camera's own pixels."""
     remarks = [f"{each[0].upper()}{each[1:]}." for each in picture_remarks(frame.image, frame.exposure_s)]
     found = seen if seen is not None and seen.is_whole else None
     return {

@@ -38,7 +38,7 @@ from stadimeter.workbench.setup.target import WHOLE_SHARE, build_target, kind_of
 
 
 class WishStep(SetupStep):
-    """What shall happen."""
+    """The question of what shall happen."""
 
     key = "wish"
 
@@ -98,7 +98,7 @@ def complete_answers(known: Known, changed: Mapping[str, str]) -> dict[str, str]
 
 
 def reliable_range_m(known: Known, size_px: float = RELIABLE_PX) -> float:
-    """Return how far away the camera finds the target reliably; or, of another size, where it appears that large."""
+    """Return the distance up to which the target is found reliably; of another size, where it looks that large."""
     if known.camera_model is None:
         return math.inf
     return farthest_m(target_shape(build_target(known)), known.camera_model.for_frame(known.frame), size_px)
@@ -134,7 +134,7 @@ def taken_by(known: Known, pin: object, key: str, same: str = "") -> str:
 
 
 def _is_seen_as_target(known: Known, tag: str) -> bool:
-    """Return whether the target may be this tag: it is one of the same family, with the same number or any."""
+    """Check whether the target may be this tag: it is one of the same family, with the same number or any."""
     own, other = target_table(known.answers), tag_table(tag)
     return own.get("family") == other["family"] and own.get("id", other.get("id")) == other.get("id")
 
@@ -235,7 +235,7 @@ class BlankStep(SetupStep):
 
 @dataclass
 class WishOutputStep(SetupStep):
-    """What a wish drives."""
+    """The question of what a wish drives."""
 
     wish: Wish
     kind = "output"

@@ -35,7 +35,7 @@ BEFORE_S, AFTER_S = 20.0, 5.0
 
 
 class Answer(Struct, frozen=True, kw_only=True, eq=False):
-    """What a rule with other settings would have done on one recording, beside what it does."""
+    """The effect that a rule with other settings would have had on one recording, beside what it does."""
 
     name: str
     kept: KeptRecording
@@ -43,12 +43,12 @@ class Answer(Struct, frozen=True, kw_only=True, eq=False):
     difference: ReplayDiff
 
     def counts(self, rule: str) -> tuple[int, int]:
-        """Return how many alarms of a rule are added, and how many are lost."""
+        """Count the alarms of a rule that are added, and those that are lost."""
         found = [each.change for each in self.difference.changes if is_alarm_of(rule, each)]
         return found.count("added"), found.count("lost")
 
     def raised(self, rule: str) -> int:
-        """Return how often a rule would have been raised."""
+        """Count how often a rule would have been raised."""
         return next(each.new.raised for each in self.difference.rules if each.rule == rule and each.new)
 
 
@@ -100,7 +100,7 @@ class Lesson:
         return load_configuration(self.configuration.path, texts={self.configuration.path: text})
 
     def answer(self, plan: Plan) -> list[Answer]:
-        """Return what another plan would have done on each recording."""
+        """List what another plan would have done on each recording."""
         found = []
         for name, kept in self.recordings.items():
             after = kept.decide_with(plan)
@@ -215,7 +215,7 @@ def in_words(rule: str, answers: Sequence[Answer]) -> str:
 
 
 def is_alarm_of(rule: str, change: EventChange) -> bool:
-    """Return whether what changed is that a rule was raised."""
+    """Check whether what changed is that a rule was raised."""
     return change.event.source == rule and change.event.kind is EventKind.RAISED
 
 

@@ -40,7 +40,7 @@ class FiringMark(Struct, frozen=True, kw_only=True):
 
     @property
     def is_moment(self) -> bool:
-        """Whether it is a moment, not a span."""
+        """True if it is a moment, not a span."""
         return self.from_s == self.to_s
 
     @property
@@ -50,12 +50,12 @@ class FiringMark(Struct, frozen=True, kw_only=True):
         return f"{self.recording}@{self.from_s:.4g}s{span} {'fire' if self.should_fire else 'no'}"
 
     def touches(self, firing: Firing) -> bool:
-        """Return whether an alarm stood in it, or nearly."""
+        """Check whether an alarm stood in it, or nearly."""
         off_s = MOMENT_S if self.is_moment else 0.0
         return firing[0] <= self.to_s + off_s and firing[1] >= self.from_s - off_s
 
     def wants(self, firing: Firing) -> bool:
-        """Return whether an alarm is the one that should have fired."""
+        """Check whether an alarm is the one that should have fired."""
         if not self.should_fire:
             return False
         return self.touches(firing) if self.is_moment else self.from_s <= firing[0] <= self.to_s
@@ -81,7 +81,7 @@ def parse_mark(text: str) -> FiringMark:
 
 
 def is_met(mark: FiringMark, firings: Sequence[Firing], marks: Sequence[FiringMark]) -> bool:
-    """Return whether an alarm did what a mark says.
+    """Check whether an alarm did what a mark says.
 
     Args:
         firings: Those in its recording.

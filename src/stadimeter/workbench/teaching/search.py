@@ -73,7 +73,7 @@ class Taught(Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Score(NamedTuple):
-    """How good settings are; the least is the best."""
+    """Rating of settings; the least is the best."""
 
     unmet: int
     elsewhere: int
@@ -131,7 +131,7 @@ class SettingSearch(Struct, kw_only=True):
         return sorted(self.tried.values(), key=attrgetter("score"))[:count]
 
     def attempt(self, values: Values) -> Tried:
-        """Return how good settings are; those that are the rule's own do not count as changed."""
+        """Find how good settings are; those that are the rule's own do not count as changed."""
         changed = {key: value for key, value in values.items() if value != self._own[key]}
         asked = tuple(sorted(changed.items()))
         if asked not in self.tried:
@@ -234,7 +234,7 @@ class SettingSearch(Struct, kw_only=True):
         return found
 
     def _ways_off(self, values: Values) -> set[float]:
-        """Return how far the figure went off from one alarm to the next."""
+        """Measure how far the figure went off from one alarm to the next."""
         rule, condition = self._with({**values, self._band_key: 0.0})
         return {
             each.signal.way_off(condition, cleared_s - rule.off_delay_s, raised_s)
@@ -309,7 +309,7 @@ class SettingSearch(Struct, kw_only=True):
 
 
 def _count_elsewhere(taught: Taught, after: Sequence[Firing]) -> int:
-    """Return how many alarms that no mark is about came or went."""
+    """Count the alarms that came or went and that no mark is about."""
     return sum(
         not any(mark.touches(firing) for mark in taught.marks)
         and not any(abs(firing[0] - other[0]) <= SAME_WITHIN_S for other in others)

@@ -64,11 +64,11 @@ class Signal(Struct, frozen=True, kw_only=True, eq=False):
         return found
 
     def lengths(self, flags: Flags, tolerance: DelayTolerance) -> set[float]:
-        """Return how long each stretch is that holds."""
+        """Return the length of each stretch that holds."""
         return {float(self.judged_s[last] - self.judged_s[first]) for first, last in self.runs(flags, tolerance)}
 
     def way_off(self, condition: LimitsCondition, from_s: float, to_s: float) -> float:
-        """Return how far beyond a threshold the figure went in a time."""
+        """Measure how far beyond a threshold the figure went in a time."""
         begin, end = np.searchsorted(self.at_s, [from_s, to_s])
         low, high = condition.limits
         gone = np.maximum(self.value - high, low - self.value)[begin:end]

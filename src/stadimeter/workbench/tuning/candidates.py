@@ -223,7 +223,7 @@ def slope_of(all_counts: Iterable[Sequence[Count]]) -> Slope:
 def rate_at(
     counts: Sequence[Count], slope: Slope, clearances: Floats, far: Count | None, random: np.random.Generator
 ) -> Rate:
-    """Return how often a day an alarm is raised by a target that spends the same time at each clearance.
+    """Compute how often a day an alarm is raised by a target that spends the same time at each clearance.
 
     Args:
         counts: By growing clearance.

@@ -97,7 +97,7 @@ class Stretch(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def duration_s(self) -> float:
-        """How long it is."""
+        """Its duration."""
         return float(self.steps_s.sum())
 
 

@@ -119,7 +119,7 @@ class Proposal(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def is_reached(self) -> bool:
-        """Whether the proposal is expected to have no more false alarms than were asked for."""
+        """True if the proposal is expected to have no more false alarms than were asked for."""
         return self.begin.rate.a_day <= self.wanted_a_day
 
     @property
@@ -129,12 +129,12 @@ class Proposal(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def is_supported(self) -> bool:
-        """Whether the recordings alone support the rate that was asked for."""
+        """True if the recordings alone support the rate that was asked for."""
         return self.supported_a_day <= self.wanted_a_day
 
     @property
     def is_extrapolated(self) -> bool:
-        """Whether the target stood further away than where false alarms could be counted."""
+        """True if the target stood further away than where false alarms could be counted."""
         return float(self.points.clearances.min()) > CLEARANCES[-1]
 
 

@@ -254,7 +254,7 @@ def _measurement(target: str, at_s: float, figure_m: float, noise_m: float, scal
 
 
 def raise_latency_s(transitions: Sequence[Transition]) -> float:
-    """Return how long after the time 0 an alarm stood: 0 if it did already, infinite if it was never raised."""
+    """Measure how long after the time 0 an alarm stood: 0 if it did already, infinite if it was never raised."""
     is_active = False
     for transition in transitions:
         if transition.at_s >= 0 and (is_active or transition.is_raise):
@@ -264,14 +264,14 @@ def raise_latency_s(transitions: Sequence[Transition]) -> float:
 
 
 def end_latency_s(transitions: Sequence[Transition]) -> float:
-    """Return how long after the time 0 an alarm was over for good: 0 if it was before, infinite if it never was."""
+    """Measure how long after the time 0 an alarm was over for good: 0 if it was before, infinite if it never was."""
     if not transitions or transitions[-1].is_raise:
         return math.inf if transitions else 0.0
     return max(0.0, transitions[-1].at_s)
 
 
 def raises_apart(transitions: Sequence[Transition], apart_s: float) -> int:
-    """Return how often an alarm was raised; raises that follow on each other at once count once.
+    """Count how often an alarm was raised; raises that follow on each other at once count once.
 
     Args:
         apart_s: Within this time of the one before, it is the same.
