@@ -124,9 +124,9 @@ class SheetOptions(DriverOptions):
 
     @staticmethod
     def exercise() -> Exercise:
-        """Return a bright sheet of letter paper with a dark rim, 110 px wide."""
-        patch = np.full((105, 130, 3), 60, np.uint8)
-        patch[10:95, 10:120] = 225
+        """Return a bright sheet of letter paper, 110 px wide, on a dark table."""
+        patch = np.full((145, 170, 3), 60, np.uint8)  # a narrow rim would be a picture's frame
+        patch[30:115, 30:140] = 225
         return Exercise(options={"width": "11 in", "height": "8.5 in"}, patch=patch)
 
 
