@@ -30,8 +30,10 @@ Polygon = NDArray[np.generic]
 MEDIAN_PX, LEVELS = 5, 6
 LEVEL_RANGE = (0.01, 0.995)
 
-# A small sheet is brighter than the mean of a square around it, whose side is this share of the picture.
-AROUND_SHARE = 0.2
+# Under uneven light a sheet is brighter than the mean of a square around it: its side as a share of the picture, and by
+# how many levels at least. A page on a pale door with a lamp above it is found in no other way. A small sheet stands out
+# by half of what anything does.
+AROUND_SHARE, MIN_APART = 0.2, 8.0
 
 # A picture of more outlines than this is noise; looking through them takes long and finds nothing.
 MAX_CONTOURS = 3000
@@ -102,12 +104,15 @@ def pale_masks(picture: SearchedPicture) -> Iterator[Plane]:
 
 
 def other_masks(picture: SearchedPicture) -> Iterator[Plane]:
-    """Yield the same for a dark sheet and one on coloured cloth, and one in which a small bright sheet stands out."""
+    """Yield the same for a dark sheet and one on coloured cloth, and two of what is brighter than around it."""
     for plane in (picture.brightest, np.asarray(cv2.subtract(picture.brightest, picture.darkest), np.uint8)):
         yield from _regions(plane)
     around_px = max(round(AROUND_SHARE * max(picture.darkest.shape)), 1) | 1  # odd, so that it has a middle
-    apart = cv2.subtract(picture.darkest, cv2.boxFilter(picture.darkest, -1, (around_px, around_px)))
-    yield np.asarray(cv2.threshold(apart, float(apart.max()) / 2, 255, cv2.THRESH_BINARY)[1], np.uint8)
+    apart = np.asarray(
+        cv2.subtract(picture.darkest, cv2.boxFilter(picture.darkest, -1, (around_px, around_px))), np.uint8
+    )
+    for level in (MIN_APART, float(apart.max()) / 2):
+        yield _above(apart, level)
 
 
 def _regions(plane: Plane, *, halving: bool = False) -> Iterator[Plane]:
@@ -121,7 +126,11 @@ def _regions(plane: Plane, *, halving: bool = False) -> Iterator[Plane]:
         low, high = np.searchsorted(shares / shares[-1], LEVEL_RANGE).tolist()
         levels = np.linspace(low, high, LEVELS + 2)[1:-1]
     for level in levels.tolist():
-        yield np.asarray(cv2.threshold(smooth, float(level), 255, cv2.THRESH_BINARY)[1], np.uint8)
+        yield _above(smooth, float(level))
+
+
+def _above(plane: Plane, level: float) -> Plane:
+    return np.asarray(cv2.threshold(plane, level, 255, cv2.THRESH_BINARY)[1], np.uint8)
 
 
 def _split(plane: Plane) -> Plane:
