@@ -168,7 +168,7 @@ class ProposesColour(Protocol):
 
 
 class Exercise(Struct, frozen=True, kw_only=True, eq=False):
-    """A target that `bench` lets a detector find.
+    """A target that a detector is to find while its speed is measured.
 
     Attributes:
         options: The detector's table, as a configuration would have it.
@@ -182,7 +182,7 @@ class Exercise(Struct, frozen=True, kw_only=True, eq=False):
 
 @runtime_checkable
 class BringsExercise(Protocol):
-    """A detector whose speed `bench` can measure; a part of its `DriverOptions`."""
+    """A detector whose speed can be measured; a part of its `DriverOptions`."""
 
     @staticmethod
     def exercise() -> Exercise:

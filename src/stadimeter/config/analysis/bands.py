@@ -13,6 +13,7 @@ from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.conditions.discrete import CountCondition
+from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.limits import LimitsCondition, ends_of
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
@@ -117,8 +118,8 @@ def holding_errors(subject: Subject) -> Iterator[Finding]:
     """Find conditions that can never hold, and gates that are open only where their rule does nothing."""
     for declared in subject.rules:
         for written in declared.conditions():
-            for leaf in written.leaves():
-                yield from _never(leaf, len(subject.draft.target_names))
+            for part in parts_of_all(written):
+                yield from _never(part, len(subject.draft.target_names))
             if not any(empty_leaves(written)):  # reported by `band_errors`
                 yield from _never_together(written)
         yield from _shut(declared)
@@ -126,7 +127,9 @@ def holding_errors(subject: Subject) -> Iterator[Finding]:
 
 def _never(leaf: WrittenCondition, targets: int) -> Iterator[Finding]:
     """Find counts of more targets than there are, and figures that are never below zero."""
-    condition = leaf.leaf
+    condition = leaf.condition
+    if not isinstance(condition, Leaf):
+        return
     if isinstance(condition, CountCondition):
         least, most = ends_of(condition.at_least, condition.at_most)
         is_never = len(condition.targets or range(targets)) < least <= most
@@ -139,7 +142,7 @@ def _never(leaf: WrittenCondition, targets: int) -> Iterator[Finding]:
 
 
 def _never_together(written: WrittenCondition) -> Iterator[Finding]:
-    """Find the first two parts of an `all`, wherever it stands in a condition, that exclude each other."""
+    """Find the first two parts of an `all` that exclude each other; below `any` or `not` that does no harm."""
     parts = [(part, span) for part in parts_of_all(written) if (span := span_of(part.condition)) is not None]
     for (first, one), (second, other) in combinations(parts, 2):
         if not one.meets(other):
@@ -147,9 +150,6 @@ def _never_together(written: WrittenCondition) -> Iterator[Finding]:
             hint = "write any in place of all if one of them is enough, or change a limit"
             yield Finding(written.path, message, hint, "never-true")
             return
-    for part in parts_of_all(written):
-        for inner in part.parts():
-            yield from _never_together(inner)
 
 
 def _shut(declared: CompiledRule) -> Iterator[Finding]:
