@@ -13,7 +13,7 @@ from pathlib import Path
 from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.target import TargetShape
+from stadimeter.core.detection import TargetShape
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.flat import SheetShape, TagShape
 from stadimeter.ranging.similar_triangles import expect, farthest_m

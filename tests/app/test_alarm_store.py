@@ -20,8 +20,7 @@ from stadimeter.app.persistence.resumption import ClockReading, Memory
 from stadimeter.core.alarms.machine import AlarmRecord, AlarmState
 from stadimeter.core.alarms.state import Inhibits, Leg, Resumed, Timers
 from stadimeter.core.decision import Event, EventKind, Severity
-from stadimeter.core.message import Message
-from stadimeter.core.notification import Notification
+from stadimeter.core.message import Message, Notification
 from stadimeter.core.persistence import Absence, AlarmSnapshot
 from stadimeter.errors import StateError
 

@@ -14,8 +14,7 @@ from stadimeter.app.persistence.resumption import moment
 from stadimeter.app.persistence.state_writer import StateWriter
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decision import Severity
-from stadimeter.core.message import Message
-from stadimeter.core.notification import Notification
+from stadimeter.core.message import Message, Notification
 from support.simulated_run import SIMULATED_BALL
 
 RAISED = Message(topic="event/alarm", payload='{"id":"a-1"}', qos=1)

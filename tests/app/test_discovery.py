@@ -17,9 +17,9 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import ALARM_EVENTS, Decision, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.home_assistant import DiscoveryPlace
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
-from stadimeter.core.track import Track, TrackStatus
 from stadimeter.messaging.mqtt import MqttOptions
 from support.discovery_checks import faults
 from support.each_case import each_case

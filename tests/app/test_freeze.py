@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from stadimeter.app.freeze import FreezeDetector
-from stadimeter.core.frame import Frame
-from stadimeter.core.seen_pictures import MAX_REMEMBERED
+from stadimeter.core.frame import MAX_REMEMBERED, Frame
 from support.each_case import each_case
 
 

@@ -6,8 +6,8 @@ import pytest
 
 from stadimeter.app.live.history import EVENTS_MAX, WINDOW_S, RunHistory
 from stadimeter.core.decision import Event, EventKind, Severity
+from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.observation import FrameStamp
-from stadimeter.core.track import TrackStatus
 from support.cycle_records import cycle_record, tracked
 
 

@@ -16,9 +16,9 @@ from stadimeter.app.mounting import EVERY_S, watch_of
 from stadimeter.app.mounting_file import PICTURES, load_reference, make_reference, save_reference, unpack_reference
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_pose import MountingStatus
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.frame import Frame, Optics
-from stadimeter.core.mounting import MountingStatus
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import Plan

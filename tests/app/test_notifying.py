@@ -16,10 +16,9 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Decision, Event, EventKind, Notice, SafetyMode, Severity
 from stadimeter.core.frame import Frame
-from stadimeter.core.message import Message
-from stadimeter.core.notification import Notification
+from stadimeter.core.measurement import Track, TrackStatus
+from stadimeter.core.message import Message, Notification
 from stadimeter.core.rule import AlarmRule, EscalationStep, Send, Template
-from stadimeter.core.track import Track, TrackStatus
 from stadimeter.errors import DriverError
 from stadimeter.messaging.apprise_notifier import AppriseNotifier, AppriseOptions
 from stadimeter.testing.rig import eventually

@@ -17,9 +17,9 @@ import stadimeter
 from stadimeter.app.reporting import Reporter, is_state
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.message import Message
 from stadimeter.core.rule import AlarmRule, EscalationStep, Rule, Send, Template
-from stadimeter.core.track import Track, TrackStatus
 from support.each_case import each_case
 
 NOON = "2026-06-01T12:00:00.000+00:00"

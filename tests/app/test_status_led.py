@@ -15,8 +15,8 @@ from stadimeter.app.panel import LEASE_S, Status, StatusLed, status_of
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import ACTUATORS, DriverContext, load_driver
 from stadimeter.core.decision import Decision, RuleStatus, RuleTrace, SafetyMode
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.observation import Observation, OutputFault
-from stadimeter.core.track import Track, TrackStatus
 from stadimeter.testing.rig import ManualClock
 from stadimeter.testing.wires import WatchedPins
 from support.each_case import each_case

@@ -18,7 +18,7 @@ from stadimeter.app.timeline import keeper
 from stadimeter.app.timeline.keeper import CYCLES_MAX, TimelineKeeper
 from stadimeter.app.timeline.rows import HIGH, LEVELS_S, LOW, MEAN, SEEN, STATES, Names, merge_rows, read_rows
 from stadimeter.core.decision import RuleStatus, RuleTrace
-from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.measurement import Track, TrackStatus
 
 NOON_S = 1_782_907_200
 """2026-07-01 12:00 UTC."""

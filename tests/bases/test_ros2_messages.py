@@ -20,7 +20,7 @@ from stadimeter.bases.ros2_messages import (
     velocity_cdr,
     velocity_json,
 )
-from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.measurement import Track, TrackStatus
 
 pytest.importorskip("rosbags", reason="an independent decoder of CDR, of the group dev")
 

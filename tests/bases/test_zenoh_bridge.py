@@ -11,9 +11,8 @@ pytest.importorskip("rosbags", reason="an independent decoder of CDR, of the gro
 from stadimeter.bases.ros2_base import Ros2Base
 from stadimeter.bases.zenoh_bridge import ZenohOptions
 from stadimeter.config.plugins import DriverContext
-from stadimeter.core.base_report import BaseReport
-from stadimeter.core.command import TwistCommand
-from stadimeter.core.track import Track
+from stadimeter.core.command import BaseReport, TwistCommand
+from stadimeter.core.measurement import Track
 from stadimeter.errors import DeviceOpenError, LinkLostError, ProtocolError
 from stadimeter.testing.rig import ManualClock, eventually
 from support.zenoh_robot import ZenohRobot

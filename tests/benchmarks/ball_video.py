@@ -38,7 +38,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Loop
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.track import TrackStatus
+from stadimeter.core.measurement import TrackStatus
 from support.simulated_run import LENS
 
 BY_EYE, FITTED = (Path(__file__).parent / f"ball_video_{name}.csv" for name in ("by_eye", "outline"))

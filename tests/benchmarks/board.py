@@ -33,9 +33,8 @@ from stadimeter.config.plugins import (
     load_driver,
 )
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus, Prediction
+from stadimeter.core.detection import Detection, DetectionStatus, Prediction, TargetShape
 from stadimeter.core.frame import Frame, Image
-from stadimeter.core.target import TargetShape
 from stadimeter.detectors.protocol import BringsExercise, Detector, Exercise
 from stadimeter.errors import StadimeterError
 from support.board_figures import (

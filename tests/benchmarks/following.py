@@ -15,8 +15,8 @@ import numpy as np
 from part import Part, table
 from rule_policies import FRAMES_PER_S, Distances, correlated, sigma_m
 
+from stadimeter.core.measurement import Track
 from stadimeter.core.plan import Tracking
-from stadimeter.core.track import Track
 from stadimeter.core.tracking.life_cycle import new_track, step
 from support.observing import measured
 

@@ -10,7 +10,7 @@ from part import Part
 from samples import Sample, ours_of
 from workload import over_seeds
 
-from stadimeter.core.refraction import behind_flat_port
+from stadimeter.core.camera_model import behind_flat_port
 from support.scenes import draw
 from support.scenes.render import render
 from support.scenes.water import CAMERA, INDEX

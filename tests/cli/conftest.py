@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.core.track import Track
+from stadimeter.core.measurement import Track
 from support.cycle_records import cycle_record, tracked
 
 

@@ -21,8 +21,8 @@ from stadimeter.cli.live_view import LiveView
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.decision import Event, EventKind, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.detection import RejectedCandidate
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.observation import OutputFault
-from stadimeter.core.track import Track, TrackStatus
 from support.cycle_records import live_view
 from support.observing import missed
 

@@ -15,7 +15,7 @@ from stadimeter.app.mounting_file import load_reference
 from stadimeter.cli import run_services
 from stadimeter.cli.run_services import RunOptions, open_services
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.mounting import MountingStatus
+from stadimeter.core.camera_pose import MountingStatus
 from stadimeter.errors import ConfigError
 from support.command_line import typed
 from support.watched_room import FOCAL_PX, Pose, WatchedRoom

@@ -8,8 +8,8 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.cli.viewing import PlainView
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.decision import Event, EventKind, SafetyMode, Severity
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.observation import OutputFault
-from stadimeter.core.track import Track, TrackStatus
 
 
 def raised(at_s: float) -> Event:

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model, save_camera_model
-from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance
+from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, LensUncertainty, Provenance
 from stadimeter.core.frame import Optics
-from stadimeter.core.lens_uncertainty import LensUncertainty
 from stadimeter.errors import ConfigError
 
 MODEL = CameraModel(

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.plan import BaseOutput, LevelOutput
-from stadimeter.core.rule_step import LevelRequest, TwistRequest
-from stadimeter.core.rules.arbitration import arbitrate
+from stadimeter.core.rule import LevelRequest, TwistRequest
+from stadimeter.core.rules.scheduler import arbitrate
 
 RESTRICTIVE = {"base": BaseOutput(name="base", combine="most_restrictive")}
 speeds = st.floats(-2, 2)

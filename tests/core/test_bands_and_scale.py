@@ -12,9 +12,9 @@ from stadimeter.core.conditions.compounds import judge
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.rule import RampRule
 from stadimeter.core.rules.ramp import ramp_level
-from stadimeter.core.track import Track, TrackStatus
 from support.conditions import separation
 from support.each_case import each_case
 

@@ -15,8 +15,8 @@ from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.summary import Window
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.observation import WallTime
-from stadimeter.core.track import Track, TrackStatus
 from support.conditions import closing, direction, separation
 from support.each_case import each_case
 

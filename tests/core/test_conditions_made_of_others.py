@@ -10,7 +10,7 @@ from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not, judge, judge
 from stadimeter.core.conditions.discrete import RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
-from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.measurement import Track, TrackStatus
 from support.each_case import each_case
 
 VALUES = (True, False, None)

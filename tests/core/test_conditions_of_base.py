@@ -2,7 +2,7 @@
 
 import pytest
 
-from stadimeter.core.base_report import BaseReport
+from stadimeter.core.command import BaseReport
 from stadimeter.core.condition_words import describe_begin, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.of_base import BATTERY_DEADBAND_V, BatteryCondition, ContactSensorCondition

@@ -11,10 +11,10 @@ from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import SafetyMode
+from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
-from stadimeter.core.track import TrackStatus
 from support.observing import Rehearsal, measured, missed
 
 PLAN = Plan(

@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from stadimeter.core.base_report import BaseReport
-from stadimeter.core.command import TwistCommand
+from stadimeter.core.command import BaseReport, TwistCommand
 from stadimeter.core.ego_motion import EgoMotion
 
 

@@ -13,7 +13,7 @@ from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
-from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.measurement import Track, TrackStatus
 from support.conditions import closing, direction, separation
 
 NEAR = DistanceCondition(below_m=2.0, probability_on=0.8, probability_off=0.5, deadband_sigmas=3.0, target="ball")

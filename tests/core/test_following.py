@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from stadimeter.core.base_report import BaseReport
-from stadimeter.core.command import TwistCommand
+from stadimeter.core.command import BaseReport, TwistCommand
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import RuleStatus, Severity
 from stadimeter.core.observation import FrameStamp, Observation
@@ -17,8 +16,8 @@ from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import BaseOutput, Plan, Safety
 from stadimeter.core.rule import FollowRule, Search, SlowNear
 from stadimeter.core.rules.explaining import explain
-from stadimeter.core.rules.follow_law import GAIN_SHARE, MAX_GAIN_PER_S, Law, closing_speed_mps, follow_twist, law_of
-from stadimeter.core.rules.target_motion import RelativeTarget
+from stadimeter.core.rules.follow import GAIN_SHARE, MAX_GAIN_PER_S, Law, closing_speed_mps, follow_twist, law_of
+from stadimeter.core.rules.own_motion import RelativeTarget
 from stadimeter.operator_actions import OperatorAction
 from support.each_case import each_case
 from support.observing import measured, missed

@@ -8,10 +8,10 @@ from msgspec.structs import replace
 from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import RuleStatus, SafetyMode
+from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, FollowRule, OnDelay
-from stadimeter.core.track import TrackStatus
 from support.observing import Rehearsal, measured
 
 FRAME_S = 0.1

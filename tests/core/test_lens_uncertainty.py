@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.lens_uncertainty import PARAMETERS, LensUncertainty
+from stadimeter.core.camera_model import PARAMETERS, CameraModel, LensUncertainty
 from stadimeter.errors import CalibrationError
 from support.each_case import each_case
 

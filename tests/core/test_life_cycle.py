@@ -5,9 +5,8 @@ import math
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.core.measurement import MeasurementStatus
+from stadimeter.core.measurement import MeasurementStatus, TrackStatus
 from stadimeter.core.plan import Plan, Tracking
-from stadimeter.core.track import TrackStatus
 from stadimeter.core.tracking.life_cycle import new_track, step
 from support.observing import Rehearsal, measured, missed
 

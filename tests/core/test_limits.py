@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from stadimeter.core.outputs import limit_speed, limit_twist, slew_level
 from stadimeter.core.plan import BaseOutput, LevelOutput
-from stadimeter.core.rule_step import LevelRequest
-from stadimeter.core.rules.arbitration import arbitrate
+from stadimeter.core.rule import LevelRequest
+from stadimeter.core.rules.scheduler import arbitrate
 
 levels = st.floats(0, 1)
 speeds = st.floats(-2, 2)

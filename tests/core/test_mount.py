@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from stadimeter.core.mount import Mount
+from stadimeter.core.camera_pose import Mount
 
 
 def test_a_camera_in_the_middle_that_looks_ahead_has_its_axes_exchanged() -> None:

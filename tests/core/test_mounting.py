@@ -5,8 +5,8 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stadimeter.core.camera_pose import Mounting, MountingStatus, step_mounting
 from stadimeter.core.decision import EventKind
-from stadimeter.core.mounting import Mounting, MountingStatus, step_mounting
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.operator_actions import OperatorAction
 

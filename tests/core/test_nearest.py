@@ -6,12 +6,11 @@ from stadimeter.core.conditions.discrete import CountCondition
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.decision import EventKind, SafetyMode
-from stadimeter.core.measurement import Measurement
+from stadimeter.core.measurement import Measurement, Track, TrackStatus
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import RampRule
-from stadimeter.core.track import Track, TrackStatus
-from stadimeter.core.tracking.nearest import NearestOf
+from stadimeter.core.tracking.life_cycle import NearestOf
 from support.observing import measured, missed
 
 MEMBERS = ("balls-1", "balls-2")

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.plan import Tracking
-from stadimeter.core.track import TrackStatus
-from stadimeter.core.tracking import noise_level
+from stadimeter.core.tracking import motion
 from stadimeter.core.tracking.life_cycle import new_track, step
-from stadimeter.core.tracking.noise_level import LineDeviation, NoiseEstimate
+from stadimeter.core.tracking.motion import LineDeviation, NoiseEstimate
 from support.observing import measured
 
 FRAME_S = 1 / 15
@@ -110,7 +110,7 @@ def test_an_error_that_stays_is_not_averaged_away():
 def test_whatever_is_seen_the_noise_stays_within_its_bounds(sigmas, line, step_s, factor_max, times):
     settings, noise = replace(SETTINGS, noise_factor_max=factor_max), NoiseEstimate()
     for _ in range(times):
-        noise = noise_level.learn(noise, sigmas, LineDeviation(*line), step_s, settings)
+        noise = motion.learn(noise, sigmas, LineDeviation(*line), step_s, settings)
         assert 1.0 <= noise.factor <= factor_max * (1 + 1e-9)
         assert 0.0 <= noise.staying_share <= 1.0
         assert 0.0 <= noise.autocorrelation(settings) <= settings.autocorrelation
@@ -131,7 +131,7 @@ def test_a_steady_speed_is_on_the_line_whatever_the_steps(distance_m, speed_mps,
             elevation_rad=0.0,
         )
 
-    line = noise_level.compare_with_line(
+    line = motion.compare_with_line(
         NoiseEstimate(), (sighting(0.0), sighting(first_s)), sighting(first_s + second_s), SETTINGS
     )
     assert line.off_m == pytest.approx(0.0, abs=1e-6 * (1 + second_s / first_s))

@@ -12,9 +12,9 @@ from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.outputs import safe_command
-from stadimeter.core.permission import could_let_act
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule, Pattern, RampRule, Send, Template
+from stadimeter.core.safety import could_let_act
 from stadimeter.operator_actions import OperatorAction
 from support.random_runs import OUTPUTS, random_run
 

@@ -5,20 +5,19 @@ import math
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.core.base_report import BaseReport
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_pose import Mount
+from stadimeter.core.command import BaseReport
 from stadimeter.core.condition_words import describe_begin, describe_end, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.quantities import uncertain_of
 from stadimeter.core.decide import decide, initial_state
-from stadimeter.core.measurement import Sighting
-from stadimeter.core.mount import Mount
+from stadimeter.core.measurement import Sighting, Track, TrackStatus
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.reload import reload
 from stadimeter.core.rule import AlarmRule, RampRule
-from stadimeter.core.track import Track, TrackStatus
 from stadimeter.core.tracking.transverse import Viewpoint
 from support.conditions import compared, still
 from support.observing import measured

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.rule import RampRule
 from stadimeter.core.rules.ramp import describe_ramp, ramp_level
-from stadimeter.core.track import Track, TrackStatus
 
 TABLE = RampRule(
     name="lamp", target="ball", output="lamp", start=3.0, full=1.0, points=((1.0, 1.0), (2.0, 0.5), (3.0, 0.2))

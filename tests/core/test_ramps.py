@@ -7,9 +7,9 @@ from msgspec.structs import replace
 
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import RuleStatus
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.rule import RampRule
 from stadimeter.core.rules.ramp import new_ramp, ramp_level, step_ramp
-from stadimeter.core.track import Track, TrackStatus
 
 FAR = RampRule(name="far", target="ball", output="motor", start=3.0, full=6.0, level_min=0.25)
 NEAR = RampRule(name="near", target="ball", output="motor", start=1.0, full=0.2)

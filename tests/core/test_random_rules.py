@@ -10,10 +10,10 @@ from msgspec.structs import replace
 from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import SafetyMode
+from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.observation import FrameStamp, OutputFault
 from stadimeter.core.outputs import safe_command
 from stadimeter.core.rule import AlarmRule, FollowRule
-from stadimeter.core.track import TrackStatus
 from support.random_runs import OUTPUTS, first_difference, random_run, with_settings
 
 RUNS = 40

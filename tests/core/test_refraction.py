@@ -9,8 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.config.camera_file import camera_model_from_table
-from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.refraction import REFRACTIONS, behind_flat_port
+from stadimeter.core.camera_model import REFRACTIONS, CameraModel, behind_flat_port
 from stadimeter.errors import CalibrationError, ConfigError
 
 AIR = CameraModel.with_focal_length(600.0, 640, 480)

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from stadimeter.core import templates
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Event, EventKind, Notice, Severity
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.rule import AlarmRule, Template
 from stadimeter.core.templates import FIELDS, FLAG_FIELDS, NUMBER_FIELDS, TEXT_FIELDS, TemplateError
-from stadimeter.core.track import Track, TrackStatus
 from support.each_case import each_case
 
 RULE = AlarmRule(name="near", target="ball", condition=DistanceCondition(below_m=0.5))

@@ -10,20 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from stadimeter.core.base_report import BaseReport
-from stadimeter.core.command import TwistCommand
+from stadimeter.core.command import BaseReport, TwistCommand
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.ego_motion import EgoMotion
+from stadimeter.core.liveness import step_innovation
 from stadimeter.core.measurement import Sighting
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import BaseOutput, Plan
-from stadimeter.core.rule import FollowRule
-from stadimeter.core.rule_step import TwistRequest
-from stadimeter.core.rules.arbitration import arbitrate
-from stadimeter.core.rules.follow_law import Law, tilt_rate_radps
-from stadimeter.core.rules.own_motion import FloorPose
-from stadimeter.core.rules.target_motion import RelativeTarget, step_target_motion
-from stadimeter.core.target_innovation import step_innovation
+from stadimeter.core.rule import FollowRule, TwistRequest
+from stadimeter.core.rules.follow import Law, tilt_rate_radps
+from stadimeter.core.rules.own_motion import FloorPose, RelativeTarget, step_target_motion
+from stadimeter.core.rules.scheduler import arbitrate
 from support.observing import measured
 
 RULE = FollowRule(name="look", target="ball", output="base", distance_m=1.0, linear_max_mps=0.0)

@@ -5,8 +5,8 @@ import math
 import pytest
 from msgspec.structs import replace
 
+from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.plan import Tracking
-from stadimeter.core.track import TrackStatus
 from stadimeter.core.tracking.life_cycle import after_gap, new_track, step
 from support.each_case import each_case
 from support.observing import measured, missed

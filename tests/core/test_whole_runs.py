@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from stadimeter.app.exact_json import decode, encode
 from stadimeter.app.persistence.resumption import read_state, state_text
-from stadimeter.core.alarms.gate import GatedStep
+from stadimeter.core.alarms.alarm import GatedStep
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import CountCondition, RuleCondition, ScheduleCondition

@@ -14,8 +14,7 @@ from msgspec.structs import replace
 import stadimeter.detectors.sheet as sheet_package
 from stadimeter.core.detection import DetectionStatus, Prediction
 from stadimeter.core.frame import Frame
-from stadimeter.core.measurement import MeasurementStatus
-from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.measurement import MeasurementStatus, Track, TrackStatus
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions, follow
 from stadimeter.perception.perceiver import Perceiver
 from support.scenes.draw import CAMERA, empty_scene, sheet_scene

@@ -12,7 +12,7 @@ import pytest
 from stadimeter.app.reporting import Reporter
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decision import Decision, RuleStatus, RuleTrace, SafetyMode
-from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.measurement import Track, TrackStatus
 from support.every_rule import ORDERS, announced
 
 jinja2 = pytest.importorskip("jinja2")

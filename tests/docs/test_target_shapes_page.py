@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus
-from stadimeter.core.target import TargetShape
+from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
 from stadimeter.ranging.measure import measure
 from stadimeter.ranging.similar_triangles import expect
 

@@ -10,7 +10,7 @@ import pytest
 from pydantic import ValidationError
 
 from stadimeter.core.decision import Severity
-from stadimeter.core.notification import Notification
+from stadimeter.core.message import Notification
 from stadimeter.errors import DeviceOpenError, DriverUnavailableError
 from stadimeter.messaging.apprise_notifier import AppriseNotifier, AppriseOptions
 from stadimeter.messaging.back_off import Patience

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from stadimeter.core.notification import Notification
+from stadimeter.core.message import Notification
 from stadimeter.messaging.apprise_notifier import QUEUE_MAX, Delivery
 from stadimeter.messaging.back_off import Patience
 from stadimeter.testing.rig import eventually

@@ -10,7 +10,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Prediction
 from stadimeter.core.frame import SUBSAMPLINGS, Frame, Optics
 from stadimeter.core.tracking.life_cycle import new_track, step
-from stadimeter.core.tracking.settings import Tracking
+from stadimeter.core.tracking.motion import Tracking
 from stadimeter.detectors.ball import BallDetector, BallOptions
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError

@@ -7,7 +7,7 @@ import itertools
 import pytest
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.perception.prediction import SEARCH_EVERY_S, Expectations
 from stadimeter.ranging.ball import BallShape
 

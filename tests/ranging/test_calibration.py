@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus
-from stadimeter.core.target import TargetShape
+from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate

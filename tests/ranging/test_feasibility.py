@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection
-from stadimeter.core.target import TargetShape
+from stadimeter.core.detection import Detection, TargetShape
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.circles import CirclesShape
 from stadimeter.ranging.flat import SheetShape

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_model import CameraModel, LensUncertainty
+from stadimeter.core.camera_pose import Footing
 from stadimeter.core.detection import Detection, DetectionStatus
-from stadimeter.core.floor import Footing
-from stadimeter.core.lens_uncertainty import LensUncertainty
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.flat import SheetShape

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
-from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.perception.prediction import UNSEEN_MAX_S, AngularMotion, follow, predict
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.flat import DiscShape, SheetShape, TagShape

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_model import CameraModel, LensUncertainty
 from stadimeter.core.detection import Detection, DetectionStatus
-from stadimeter.core.lens_uncertainty import LensUncertainty
 from stadimeter.ranging.flat import TagShape
 from stadimeter.ranging.measure import measure
 from stadimeter.ranging.plane_pose import rectangle

@@ -10,10 +10,9 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus, Points
+from stadimeter.core.detection import Detection, DetectionStatus, Points, TargetShape
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.core.stereo_rig import UNKNOWNS, StereoRig, with_uncertainties
-from stadimeter.core.target import TargetShape
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.flat import DiscShape, SheetShape, TagShape
 from stadimeter.ranging.measure import measure

@@ -19,9 +19,8 @@ from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus, Prediction
+from stadimeter.core.detection import Detection, DetectionStatus, Prediction, Reading
 from stadimeter.core.frame import Frame, Image
-from stadimeter.core.target import Reading
 from stadimeter.workbench.annotation import GREEN
 
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)

@@ -11,8 +11,7 @@ from msgspec import Struct
 
 from stadimeter.bases.serial_base import SerialBase
 from stadimeter.config.plugins import BASES, PORTS, DriverContext, load_driver
-from stadimeter.core.base_report import BaseReport
-from stadimeter.core.command import TwistCommand
+from stadimeter.core.command import BaseReport, TwistCommand
 from stadimeter.errors import DriverError
 from stadimeter.simulation.world import World, WorldOptions
 from stadimeter.testing.rig import ManualClock

@@ -16,9 +16,9 @@ from stadimeter.cli.live_view import LiveView
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import Decision, Event, OutputTrace, RuleStatus, RuleTrace, SafetyMode
 from stadimeter.core.detection import RejectedCandidate
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.message import Message
 from stadimeter.core.observation import FrameStamp, Observation
-from stadimeter.core.track import Track, TrackStatus
 
 RULES = (
     RuleTrace(rule="too-near", status=RuleStatus.ACTIVE, output="buzzer"),

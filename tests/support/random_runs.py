@@ -11,9 +11,9 @@ from msgspec.structs import replace
 from stadimeter.core.alarms import alarm
 from stadimeter.core.alarms.settings import thresholds_of
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_pose import Mount
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Decision
-from stadimeter.core.mount import Mount
 from stadimeter.core.observation import Observation
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from msgspec.structs import replace
 
-from stadimeter.core.base_report import BaseReport
+from stadimeter.core.command import BaseReport
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.operator import OperatorCommand

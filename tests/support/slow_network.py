@@ -21,7 +21,7 @@ import cv2
 
 from stadimeter.cameras.capture_time import StreamTime
 from stadimeter.cameras.mjpeg_stream import MjpegStream
-from stadimeter.core.seen_pictures import SeenPictures
+from stadimeter.core.frame import SeenPictures
 
 MSS_BYTES = 1448
 HEADER_BYTES = 52

@@ -5,10 +5,9 @@ from __future__ import annotations
 from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, Prediction
+from stadimeter.core.detection import Detection, Prediction, TargetShape
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
-from stadimeter.core.target import TargetShape
 from stadimeter.detectors.protocol import Detector
 from stadimeter.ranging.measure import measure
 

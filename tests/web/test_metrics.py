@@ -14,8 +14,8 @@ from prometheus_client.parser import text_string_to_metric_families
 from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.app.live.metrics import STALE_S
 from stadimeter.core.decision import Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
+from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.observation import FrameStamp, OutputFault
-from stadimeter.core.track import TrackStatus
 from stadimeter.web import page
 from stadimeter.web.metrics import exposition
 from stadimeter.web.passwords import PasswordFile

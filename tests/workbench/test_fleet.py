@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from stadimeter.app.reporting import EXPIRES_S, Reporter
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Decision, RuleStatus, RuleTrace, SafetyMode, Severity
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.rule import AlarmRule
-from stadimeter.core.track import Track, TrackStatus
 from stadimeter.messaging.protocol import Received
 from stadimeter.workbench import fleet as devices
 from stadimeter.workbench.fleet import STALE_S, Fleet, fleet_record, troubles

@@ -21,8 +21,8 @@ from stadimeter.app.timeline.rows import event_log_beside
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.observation import Observation
-from stadimeter.core.track import Track, TrackStatus
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.server import timeline_moment
 from stadimeter.workbench.server.operations import Desk, find_operation

@@ -13,21 +13,18 @@ from msgspec import Struct
 from stadimeter.app.capture import Capture, SecondCapture
 from stadimeter.app.leased_output import LeasedOutput
 from stadimeter.app.range_reader import RangeReader
-from stadimeter.core.base_report import BaseReport
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_pose import Footing, Mounting
 from stadimeter.core.clock import Clock
-from stadimeter.core.command import Command, TwistCommand
+from stadimeter.core.command import BaseReport, Command, TwistCommand
 from stadimeter.core.decide import State, decide
 from stadimeter.core.decision import Decision
 from stadimeter.core.detection import Detection, RejectedCandidate
-from stadimeter.core.floor import Footing
 from stadimeter.core.frame import Frame
-from stadimeter.core.measurement import Measurement
-from stadimeter.core.mounting import Mounting
+from stadimeter.core.measurement import Measurement, Track
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault, WallTime
 from stadimeter.core.operator import AnyCommand
 from stadimeter.core.safety import FROM_THE_FUTURE_S
-from stadimeter.core.track import Track
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import DriverError
 from stadimeter.perception.perceiver import Perceiver

@@ -13,8 +13,7 @@ from stadimeter.app.reporting import is_state
 from stadimeter.core import templates
 from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.decision import Decision, Notice, Severity
-from stadimeter.core.message import KEPT_S, Message, as_history
-from stadimeter.core.notification import Notification
+from stadimeter.core.message import KEPT_S, Message, Notification, as_history
 from stadimeter.core.rule import AlarmRule, AnyRule, Send, Template, gate_of
 from stadimeter.errors import StadimeterError
 from stadimeter.messaging.protocol import Discoverable, Retaining, Subscribes, TakesRequests

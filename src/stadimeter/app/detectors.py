@@ -9,7 +9,7 @@ from msgspec import Struct
 from stadimeter.app.clock import SteppedClock
 from stadimeter.config.plugins import DriverChoice, DriverContext
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.floor import Footing
+from stadimeter.core.camera_pose import Footing
 from stadimeter.detectors.protocol import Detector
 
 

@@ -35,10 +35,10 @@ from stadimeter.core.home_assistant import (
     Topic,
     UpdateEntity,
 )
-from stadimeter.core.permission import could_let_act
+from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, gate_of
-from stadimeter.core.track import TrackStatus
+from stadimeter.core.safety import could_let_act
 from stadimeter.operator_actions import SWITCHES, OperatorAction
 
 SUPPORT_URL = "https://github.com/stadimeter/stadimeter"

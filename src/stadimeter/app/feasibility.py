@@ -18,8 +18,8 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.figures import probability_between
 from stadimeter.core.conditions.measured import FigureCondition
+from stadimeter.core.detection import TargetShape
 from stadimeter.core.rule import AlarmRule, RampRule, ReportRule
-from stadimeter.core.target import TargetShape
 from stadimeter.core.words import length
 from stadimeter.errors import Problem, StadimeterError
 from stadimeter.ranging.similar_triangles import RELIABLE_PX, expect, farthest_m

@@ -11,9 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stadimeter.core.frame import Frame, Image
+from stadimeter.core.frame import Frame, Image, SeenPictures
 from stadimeter.core.safety import FROM_THE_FUTURE_S
-from stadimeter.core.seen_pictures import SeenPictures
 
 Kind = TypeVar("Kind", bound=np.generic)
 

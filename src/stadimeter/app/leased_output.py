@@ -18,10 +18,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
-from stadimeter.core.base_report import BaseReport
 from stadimeter.core.clock import Clock, TaskEndedError
-from stadimeter.core.command import Command
-from stadimeter.core.track import Track
+from stadimeter.core.command import BaseReport, Command
+from stadimeter.core.measurement import Track
 from stadimeter.errors import DriverError
 
 # A stop waits this long for a driver that is busy in another thread.

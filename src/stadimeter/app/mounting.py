@@ -30,9 +30,9 @@ from stadimeter.app.mounting_file import (
 )
 from stadimeter.config.loader import Configuration
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_pose import MOUNTING, Mounting, MountingStatus
 from stadimeter.core.decision import EventKind
 from stadimeter.core.frame import Frame
-from stadimeter.core.mounting import MOUNTING, Mounting, MountingStatus
 from stadimeter.errors import StadimeterError, StateError
 from stadimeter.perception.background import look_at
 

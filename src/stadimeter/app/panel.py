@@ -30,9 +30,9 @@ from stadimeter.config.models import ButtonTable
 from stadimeter.core.clock import Clock
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.decision import Decision, RuleStatus, SafetyMode
+from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.rule import Pattern
-from stadimeter.core.track import TrackStatus
 from stadimeter.errors import DriverError
 from stadimeter.operator_actions import OperatorAction
 

@@ -37,12 +37,11 @@ from stadimeter.core.alarms.machine import AlarmRecord
 from stadimeter.core.alarms.settings import show_thresholds
 from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.decision import SYSTEM_EVENTS, Decision, Event, EventKind, RuleStatus, RuleTrace, Severity
-from stadimeter.core.message import Message, clearing
-from stadimeter.core.notification import Notification
+from stadimeter.core.measurement import Track
+from stadimeter.core.message import Message, Notification, clearing
 from stadimeter.core.rule import AlarmRule, AnyRule, ReportRule, gate_of
 from stadimeter.core.rules.explaining import Reasons
 from stadimeter.core.safety import OUTPUTS
-from stadimeter.core.track import Track
 
 FORM = 1
 INFO = "info"

@@ -21,8 +21,7 @@ from stadimeter.bases.differential_drive import DifferentialDrive, Motion, Wheel
 from stadimeter.bases.protocol import MotorOutputs
 from stadimeter.config.plugins import DriverContext, DriverOptions, OptionsTable
 from stadimeter.config.units import Duration, Length, Speed
-from stadimeter.core.base_report import BaseReport
-from stadimeter.core.command import TwistCommand
+from stadimeter.core.command import BaseReport, TwistCommand
 from stadimeter.errors import DeviceClosedError, DriverError
 
 

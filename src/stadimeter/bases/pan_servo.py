@@ -26,8 +26,7 @@ from stadimeter.bases.i2c_link import bus_number, i2c_lacks
 from stadimeter.bases.pca9685_chip import FULL, Channel, Pca9685, stop_writes
 from stadimeter.config.plugins import PORTS, DriverContext, DriverOptions, I2cStop, OptionsTable, driver_names
 from stadimeter.config.units import Angle, Duration
-from stadimeter.core.base_report import BaseReport
-from stadimeter.core.command import TwistCommand
+from stadimeter.core.command import BaseReport, TwistCommand
 from stadimeter.core.ego_motion import MAX_TRACK_WIDTH_M
 from stadimeter.errors import DeviceClosedError
 

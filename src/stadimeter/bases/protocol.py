@@ -7,9 +7,8 @@ from typing import Protocol
 
 from msgspec import Struct
 
-from stadimeter.core.base_report import BaseReport
-from stadimeter.core.command import TwistCommand
-from stadimeter.core.track import Track
+from stadimeter.core.command import BaseReport, TwistCommand
+from stadimeter.core.measurement import Track
 
 
 class MobileBase(Protocol):

@@ -22,9 +22,8 @@ from stadimeter.bases.ros2_messages import MessageName, TargetPose, target_pose
 from stadimeter.config.extras import missing
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Angle, Duration, Speed, TurnRate
-from stadimeter.core.base_report import BaseReport
-from stadimeter.core.command import TwistCommand
-from stadimeter.core.track import Track
+from stadimeter.core.command import BaseReport, TwistCommand
+from stadimeter.core.measurement import Track
 from stadimeter.errors import DeviceClosedError
 
 # Nothing says that a stop arrived.

@@ -20,7 +20,7 @@ import numpy as np
 from msgspec import Struct
 
 from stadimeter.bases.differential_drive import Motion
-from stadimeter.core.track import Track
+from stadimeter.core.measurement import Track
 
 MessageName = Literal["Twist", "TwistStamped"]
 

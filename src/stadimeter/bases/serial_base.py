@@ -21,8 +21,7 @@ from stadimeter.bases.serial_greeting import TAKES_EFFECT_S, Greeting
 from stadimeter.bases.serial_link import SerialLink, port_lacks
 from stadimeter.config.plugins import PORTS, DriverContext, DriverOptions, SerialStop, driver_names
 from stadimeter.config.units import Duration, Length, SerialPort, Speed
-from stadimeter.core.base_report import BaseReport
-from stadimeter.core.command import TwistCommand
+from stadimeter.core.command import BaseReport, TwistCommand
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError, ProtocolError
 
 LOST_AFTER_S = 0.5

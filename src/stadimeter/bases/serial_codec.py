@@ -35,7 +35,7 @@ class BaseMessage(Struct, frozen=True, kw_only=True):
         left_m: How far the left wheel of the base has rolled in all; the zero does not matter.
         right_m: The same of the right wheel. Both come together.
         left_mps, right_mps: How fast the wheels roll, from a base that counts no travel. Both come together.
-        battery_v, is_bumped, is_at_cliff, errors: As in `stadimeter.core.base_report.BaseReport`.
+        battery_v, is_bumped, is_at_cliff, errors: As in `stadimeter.core.command.BaseReport`.
     """
 
     is_identity: bool = False

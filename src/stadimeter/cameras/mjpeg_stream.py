@@ -24,8 +24,7 @@ import cv2
 from msgspec import Struct
 
 from stadimeter.cameras.jpeg_stream import JpegStream
-from stadimeter.core.frame import Image
-from stadimeter.core.seen_pictures import SeenPictures
+from stadimeter.core.frame import Image, SeenPictures
 from stadimeter.errors import DeviceOpenError, LinkLostError, PictureError
 
 # A larger picture is none: a JPEG of 60 megapixels at high quality is smaller.

@@ -31,8 +31,7 @@ from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.cameras.v4l2 import NOT_OURS, ask_node, attached_devices, in_use, is_in_use
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.clock import Clock
-from stadimeter.core.frame import Image
-from stadimeter.core.seen_pictures import SeenPictures
+from stadimeter.core.frame import Image, SeenPictures
 from stadimeter.errors import CaptureTimeoutError, DeviceOpenError, LinkLostError, PictureError
 
 # Time limit for a device's first frame: USB cameras start slowly.

@@ -22,7 +22,7 @@ from stadimeter.cli.keyboard import RunKeys
 from stadimeter.cli.run_services import RunOptions, open_services, start_service
 from stadimeter.cli.viewing import Showing, View, in_words, live_or_plain, show, summarise
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.track import TrackStatus
+from stadimeter.core.measurement import TrackStatus
 from stadimeter.detectors.protocol import ProposesColour
 
 Seconds = Annotated[float | None, typer.Option("--seconds", min=0.0, metavar="S", help="End after this long.")]

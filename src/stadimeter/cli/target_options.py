@@ -24,8 +24,7 @@ from stadimeter.config.toml_source import camera_table, key_and_value
 from stadimeter.config.units import LENGTHS_M, parse_length, split_quantities
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.floor import Footing
-from stadimeter.core.mount import Mount
+from stadimeter.core.camera_pose import Footing, Mount
 from stadimeter.errors import ConfigError, DriverNotFoundError, Problem
 
 ConfigOption = Annotated[

@@ -20,7 +20,7 @@ from stadimeter.cli.formatting import (
 from stadimeter.cli.keyboard import Shown
 from stadimeter.cli.layout import fit, heading
 from stadimeter.cli.strip_chart import StripChart
-from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.words import one_line
 
 STATUS_STYLES = {

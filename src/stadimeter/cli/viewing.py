@@ -33,7 +33,7 @@ from stadimeter.cli.formatting import (
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.decision import Event, RuleStatus, RuleTrace, SafetyMode
 from stadimeter.core.detection import RejectedCandidate
-from stadimeter.core.track import Track
+from stadimeter.core.measurement import Track
 from stadimeter.core.words import one_line
 
 if TYPE_CHECKING:

@@ -17,10 +17,17 @@ from stadimeter.config.findings import Finding, findings_of, problems
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import Texts, as_toml, read_toml
 from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
-from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance, ToneCurve
+from stadimeter.core.camera_model import (
+    PARAMETERS,
+    UNKNOWN_EDGE_BIAS_SIGMA_PX,
+    CameraModel,
+    LensUncertainty,
+    Medium,
+    Provenance,
+    ToneCurve,
+    behind_flat_port,
+)
 from stadimeter.core.frame import Optics, Subsampling
-from stadimeter.core.lens_uncertainty import PARAMETERS, LensUncertainty
-from stadimeter.core.refraction import Medium, behind_flat_port
 from stadimeter.errors import CalibrationError, ConfigError, Problem, reason_of
 
 # Ten times as many as any camera has.

@@ -36,7 +36,7 @@ from stadimeter.config.rules.condition_tables import (
 from stadimeter.config.rules.tables import AT_TIMES, GATED, KINDS, FramesTable, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import PinMark, PortMark
-from stadimeter.core.rules.follow_law import MAX_GAIN_SHARE
+from stadimeter.core.rules.follow import MAX_GAIN_SHARE
 
 # Nothing acts on a frame that is older than this. A robot at 0.5 m/s has gone half a metre by then.
 MAX_BLIND_S = 1.0

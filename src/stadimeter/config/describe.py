@@ -29,8 +29,8 @@ from stadimeter.core.rule import (
     RampRule,
     ReportRule,
 )
-from stadimeter.core.rules.layout import contested_outputs
 from stadimeter.core.rules.report import when_in_words
+from stadimeter.core.rules.scheduler import contested_outputs
 from stadimeter.core.words import duration, figure_in_words, length
 
 _TOLERANCE = DelayTolerance()

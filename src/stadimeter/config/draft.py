@@ -33,7 +33,7 @@ from stadimeter.config.units import path_from, validation_context
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import Landmarks
 from stadimeter.core.templates import FIELDS
-from stadimeter.core.tracking.nearest import NearestOf
+from stadimeter.core.tracking.life_cycle import NearestOf
 from stadimeter.errors import ConfigError, Problem
 
 if TYPE_CHECKING:

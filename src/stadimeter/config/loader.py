@@ -37,9 +37,7 @@ from stadimeter.config.toml_source import Texts, TomlSource, read_toml
 from stadimeter.config.units import validation_context
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.camera_pose import Landmarks
-from stadimeter.core.floor import Footing
-from stadimeter.core.mount import Mount
+from stadimeter.core.camera_pose import Footing, Landmarks, Mount
 from stadimeter.core.plan import Output, Plan
 from stadimeter.errors import ConfigError, Problem
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding
 from stadimeter.config.plugins import StatesLatency
-from stadimeter.core.rules.follow_law import GAIN_SHARE
+from stadimeter.core.rules.follow import GAIN_SHARE
 from stadimeter.core.rules.own_motion import RESPONSE_S
 
 # The age of a frame of a camera without a stated latency when it is acted on: exposure, transfer and one period.

@@ -32,8 +32,7 @@ from stadimeter.config.units import (
 )
 from stadimeter.core import plan
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.floor import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, Footing
-from stadimeter.core.mount import Mount
+from stadimeter.core.camera_pose import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, Footing, Mount
 from stadimeter.core.sensor_fusion import SensorPair
 from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.operator_actions import OperatorAction

@@ -13,8 +13,7 @@ from stadimeter.config.findings import Finding, findings_of, problems
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import Texts, as_toml, read_toml
 from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
-from stadimeter.core.camera_model import CameraModel, Provenance
-from stadimeter.core.lens_uncertainty import are_contradictory, join_covariance, split_covariance
+from stadimeter.core.camera_model import CameraModel, Provenance, are_contradictory, join_covariance, split_covariance
 from stadimeter.core.stereo_rig import UNKNOWNS, StereoRig, with_uncertainties
 from stadimeter.errors import CalibrationError, ConfigError, Problem
 

@@ -31,7 +31,7 @@ from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.rule import AlarmRule, LostPolicy
-from stadimeter.core.rules.follow_law import MAX_GAIN_SHARE
+from stadimeter.core.rules.follow import MAX_GAIN_SHARE
 from stadimeter.operator_actions import OperatorAction
 
 # Three frames at 30 a second: with less, every hiccup of a network stops the outputs.

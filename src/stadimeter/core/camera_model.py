@@ -1,10 +1,11 @@
-"""The way a camera turns directions into pixels."""
+"""The way a camera turns directions into pixels: its lens, how well that is known, and a flat window before it."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
 from msgspec import Struct, field
@@ -12,9 +13,330 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.core.frame import CHROMA_PITCH_PX, SUBSAMPLINGS, Frame, Optics, Subsampling
-from stadimeter.core.lens_distortion import check_coefficients, distorted, distorted_direction, undistorted
-from stadimeter.core.lens_uncertainty import LensUncertainty, SharesByPlace, sensitivities
 from stadimeter.errors import CalibrationError
+
+# The bending of straight lines by a lens, and the way back ------------------------------------------------------------
+#
+# The model is the one of OpenCV's calibration with five coefficients, in this order: k1, k2, p1, p2, k3. A
+# direction (x, y) per unit of depth, with s = x² + y², appears at
+#
+#     x' = x·R + 2·p1·x·y + p2·(s + 2·x²)
+#     y' = y·R + p1·(s + 2·y²) + 2·p2·x·y        with R = 1 + k1·s + k2·s² + k3·s³
+#
+# (D. C. Brown, Decentering distortion of lenses, Photogrammetric Engineering 32, 1966). The polynomial turns around
+# at some angle, where further out would appear further in; beyond this reach it says nothing about the lens. There
+# is no formula for the way back; Newton's method finds it, quadratically, since the Jacobian is known and
+# symmetric.
+
+Coefficients = tuple[float, ...]
+Points = NDArray[np.float64]
+Numbers = TypeVar("Numbers", float, Points)
+
+# Newton's method needs three to six steps on real lenses; what needs more does not arrive.
+_STEPS = 20
+
+# Coefficients of real lenses stay below a few hundred.
+_BEYOND_REASON = 1e6
+
+# Per unit of depth: far below a millionth of a pixel.
+_CLOSE_ENOUGH = 1e-11
+
+
+def check_coefficients(coefficients: Coefficients) -> None:
+    """Refuse coefficients that are not those of a lens.
+
+    Args:
+        coefficients: None, or k1 k2 p1 p2, or k1 k2 p1 p2 k3.
+
+    Raises:
+        CalibrationError: There is another number of them, or one is not finite or beyond reason.
+    """
+    if len(coefficients) not in {0, 4, 5}:
+        raise CalibrationError(
+            f"distortion has {len(coefficients)} coefficients; write none, or k1, k2, p1, p2, or k1, k2, p1, p2, k3",
+            "distortion",
+        )
+    if not all(abs(each) < _BEYOND_REASON for each in coefficients):
+        raise CalibrationError(f"distortion {list(coefficients)} has a coefficient that no lens has", "distortion")
+
+
+def distorted(directions: Points, coefficients: Coefficients) -> Points:
+    """Return where directions appear.
+
+    Args:
+        directions: x to the right and y down per unit of depth, shape (n, 2).
+        coefficients: k1, k2, p1, p2 and perhaps k3.
+
+    Returns:
+        The bent directions, shape (n, 2); NaN for those that are out of the lens's reach.
+    """
+    x, y = directions[:, 0], directions[:, 1]
+    within = np.where(x * x + y * y < _reach(coefficients), 1.0, np.nan)
+    bent_x, bent_y = _bent(x, y, coefficients)
+    return np.column_stack((bent_x * within, bent_y * within))
+
+
+def distorted_direction(x: float, y: float, coefficients: Coefficients) -> tuple[float, float]:
+    """Return where one direction appears, without the cost of arrays.
+
+    Args:
+        x: To the right, per unit of depth.
+        y: Down, per unit of depth.
+        coefficients: k1, k2, p1, p2 and perhaps k3.
+
+    Returns:
+        The bent direction; NaN where it is out of the lens's reach.
+    """
+    return _bent(x, y, coefficients) if x * x + y * y < _reach(coefficients) else (math.nan, math.nan)
+
+
+def undistorted(appearing: Points, coefficients: Coefficients) -> Points:
+    """Return which directions appear at some places: the inverse of `distorted`.
+
+    Args:
+        appearing: Bent directions, x to the right and y down per unit of depth, shape (n, 2).
+        coefficients: k1, k2, p1, p2 and perhaps k3.
+
+    Returns:
+        The directions, shape (n, 2); NaN where there is none, since the lens does not reach there.
+    """
+    appearing_x, appearing_y = appearing[:, 0], appearing[:, 1]
+    x, y = appearing_x.copy(), appearing_y.copy()
+    with np.errstate(all="ignore"):
+        for _ in range(_STEPS):
+            off_x, off_y = _off(x, y, appearing_x, appearing_y, coefficients)
+            if np.abs(off_x).max(initial=0.0) < _CLOSE_ENOUGH and np.abs(off_y).max(initial=0.0) < _CLOSE_ENOUGH:
+                break
+            a, b, d = jacobian(x, y, coefficients)
+            determinant = a * d - b * b
+            x, y = x + (d * off_x - b * off_y) / determinant, y + (a * off_y - b * off_x) / determinant
+        off_x, off_y = _off(x, y, appearing_x, appearing_y, coefficients)
+        found = (np.hypot(off_x, off_y) < 10 * _CLOSE_ENOUGH) & (x * x + y * y < _reach(coefficients))
+    found_or_nan = np.where(found, 1.0, np.nan)
+    return np.column_stack((x * found_or_nan, y * found_or_nan))
+
+
+def _off(x: Points, y: Points, wanted_x: Points, wanted_y: Points, coefficients: Coefficients) -> tuple[Points, Points]:
+    bent_x, bent_y = _bent(x, y, coefficients)
+    return wanted_x - bent_x, wanted_y - bent_y
+
+
+def _bent(x: Numbers, y: Numbers, coefficients: Coefficients) -> tuple[Numbers, Numbers]:
+    k1, k2, p1, p2, k3 = all_five(coefficients)
+    s = x * x + y * y
+    radial = 1 + s * (k1 + s * (k2 + s * k3))
+    twice_xy = 2 * x * y
+    return (
+        x * radial + p1 * twice_xy + p2 * (s + 2 * x * x),
+        y * radial + p1 * (s + 2 * y * y) + p2 * twice_xy,
+    )
+
+
+def slopes_by_coefficient(x: Points, y: Points) -> Points:
+    """Return the change of bent directions with k1, k2, p1, p2 and k3, in which they are linear; shape (n, 2, 5)."""
+    s, twice_xy = x * x + y * y, 2 * x * y
+    return np.stack(
+        (
+            np.column_stack((x * s, x * s * s, twice_xy, s + 2 * x * x, x * s**3)),
+            np.column_stack((y * s, y * s * s, s + 2 * y * y, twice_xy, y * s**3)),
+        ),
+        axis=1,
+    )
+
+
+def jacobian(x: Points, y: Points, coefficients: Coefficients) -> tuple[Points, Points, Points]:
+    """Return ∂x'/∂x, ∂x'/∂y = ∂y'/∂x and ∂y'/∂y.
+
+    Args:
+        x: To the right, per unit of depth, shape (n,).
+        y: Down, per unit of depth, shape (n,).
+        coefficients: k1, k2, p1, p2 and perhaps k3.
+    """
+    k1, k2, p1, p2, k3 = all_five(coefficients)
+    s = x * x + y * y
+    radial = 1 + s * (k1 + s * (k2 + s * k3))
+    slope = 2 * (k1 + s * (2 * k2 + s * 3 * k3))
+    return (
+        radial + x * x * slope + 2 * p1 * y + 6 * p2 * x,
+        x * y * slope + 2 * p1 * x + 2 * p2 * y,
+        radial + y * y * slope + 6 * p1 * y + 2 * p2 * x,
+    )
+
+
+@lru_cache(maxsize=32)
+def _reach(coefficients: Coefficients) -> float:
+    """Return the s at which r·R, the bent distance from the axis, first turns around.
+
+    There 1 + 3·k1·s + 5·k2·s² + 7·k3·s³ = 0. Its roots are found as those of 1/s, which is always a cubic.
+    """
+    k1, k2, _, _, k3 = all_five(coefficients)
+    roots = np.roots([1.0, 3 * k1, 5 * k2, 7 * k3])
+    turning = [root.real for root in roots if abs(root.imag) <= 1e-9 * abs(root) and root.real > 0]
+    return 1 / max(turning) if turning else math.inf
+
+
+def all_five(coefficients: Coefficients) -> tuple[float, float, float, float, float]:
+    """Return k1, k2, p1, p2 and k3; those that are not given are 0."""
+    k1, k2, p1, p2, k3 = (*coefficients, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+    return k1, k2, p1, p2, k3
+
+
+# The effect of a camera model's uncertainty on distances and directions, at each place in the picture -----------------
+#
+# A point at the direction d appears at ``p = F b(d; k) + c``. An error δθ of the parameters moves the direction
+# that is read at p by
+#
+#     e(d) = -J⁻¹ F⁻¹ (∂p/∂θ) δθ        with J = ∂b/∂d
+#
+# which is an error field over the picture. It turns what is seen there by e, and magnifies it by half its
+# divergence: a target that appears larger is measured nearer. On the sphere of directions, where a target's size is
+# an angle, this is ``½ div e - 3/2 d·e / (1 + d·d)``, and the relative error of the distance is minus that. Both
+# are linear in δθ, so that their covariance follows from that of θ (R. Hartley and A. Zisserman, "Multiple View
+# Geometry", section 5.2.1).
+
+PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+
+_CELLS = (24, 18)
+_STEP = 1e-4
+
+# Correlations that are written with few digits may miss being possible by this.
+_NEGATIVE_MAX = 1e-4
+
+
+class LensUncertainty(Struct, frozen=True, kw_only=True):
+    """Uncertainty of the parameters of a camera model, in the order of `PARAMETERS`."""
+
+    sigmas: tuple[float, ...]  # standard deviations, those of fx, fy, cx and cy in pixels
+    correlations: tuple[float, ...]  # above the diagonal of their matrix, row by row
+
+    def __post_init__(self) -> None:
+        count, pairs = len(PARAMETERS), len(PARAMETERS) * (len(PARAMETERS) - 1) // 2
+        if len(self.sigmas) != count or not all(math.isfinite(each) and each >= 0 for each in self.sigmas):
+            names = ", ".join(PARAMETERS)
+            raise CalibrationError(f"lens_sigmas has to hold {count} numbers, zero or more: {names}", "lens_sigmas")
+        if len(self.correlations) != pairs or not all(abs(each) <= 1 for each in self.correlations):
+            message = f"lens_correlations has to hold {pairs} numbers from -1 to 1"
+            raise CalibrationError(message, "lens_correlations")
+        if are_contradictory(self.correlations, count):
+            raise CalibrationError("lens_correlations contradict each other; calibrate again", "lens_correlations")
+
+    @classmethod
+    def of(cls, covariance: NDArray[np.float64]) -> LensUncertainty:
+        """Return the uncertainty with a covariance matrix, shape (9, 9)."""
+        sigmas, correlations = split_covariance(covariance)
+        return cls(
+            sigmas=tuple(float(f"{each:.6g}") for each in sigmas),
+            correlations=tuple(round(each, 7) for each in correlations),
+        )
+
+    def covariance(self) -> NDArray[np.float64]:
+        """Return the covariance matrix, shape (9, 9)."""
+        return join_covariance(self.sigmas, self.correlations)
+
+    def scaled(self, scale_x: float, scale_y: float) -> LensUncertainty:
+        """Return the uncertainty for another resolution of the same picture."""
+        fx, fy, cx, cy, *bending = self.sigmas
+        return replace(self, sigmas=(fx * scale_x, fy * scale_y, cx * scale_x, cy * scale_y, *bending))
+
+
+def split_covariance(covariance: NDArray[np.float64]) -> tuple[list[float], list[float]]:
+    """Return standard deviations, and the correlations above the diagonal of their matrix, row by row."""
+    sigmas = np.sqrt(np.diag(covariance).clip(0.0))
+    scale = np.where(sigmas > 0, sigmas, 1.0)
+    correlation = (covariance / np.outer(scale, scale)).clip(-1.0, 1.0)
+    return sigmas.tolist(), correlation[np.triu_indices(len(sigmas), 1)].tolist()
+
+
+def join_covariance(sigmas: Sequence[float], correlations: Sequence[float]) -> NDArray[np.float64]:
+    """Return the covariance matrix that `split_covariance` has split."""
+    return _correlation(correlations, len(sigmas)) * np.outer(sigmas, sigmas)
+
+
+def are_contradictory(correlations: Sequence[float], count: int) -> bool:
+    """Check whether there are no quantities with these correlations."""
+    return bool(np.linalg.eigvalsh(_correlation(correlations, count))[0] < -_NEGATIVE_MAX)
+
+
+def _correlation(correlations: Sequence[float], count: int) -> NDArray[np.float64]:
+    matrix = np.eye(count)
+    matrix[np.triu_indices(count, 1)] = correlations
+    return matrix + matrix.T - np.eye(count)
+
+
+def sensitivities(
+    directions: NDArray[np.float64], focal_px: tuple[float, float], coefficients: Coefficients
+) -> NDArray[np.float64]:
+    """Return the sensitivity of what is measured at some places to each parameter of the camera.
+
+    Args:
+        directions: Where the places look to, x and y per unit of depth, shape (n, 2).
+
+    Returns:
+        Changes of the logarithm of the distance, and of the direction's x and y per unit of depth, for each of
+        `PARAMETERS`, shape (n, 3, 9).
+    """
+    # Here, and a step to each side, all in one go.
+    places = directions + _STEP * np.array(((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)))[:, None]
+    around = _moves(places.reshape(-1, 2), focal_px, coefficients).reshape(5, len(directions), 2, len(PARAMETERS))
+    moves = around[0]
+    divergence = ((around[1] - around[2])[:, 0] + (around[3] - around[4])[:, 1]) / (2 * _STEP)
+    outwards = np.einsum("ni,nip->np", directions, moves) / (1 + (directions**2).sum(axis=1))[:, None]
+    return np.concatenate(((1.5 * outwards - 0.5 * divergence)[:, None], moves), axis=1)
+
+
+def _moves(
+    directions: NDArray[np.float64], focal_px: tuple[float, float], coefficients: Coefficients
+) -> NDArray[np.float64]:
+    """Return by how much directions change with each parameter, shape (n, 2, 9): e(d) for the unit vectors of δθ."""
+    x, y = directions.T
+    by_coefficient = slopes_by_coefficient(x, y)
+    bent = directions + by_coefficient @ np.array(all_five(coefficients))
+    seen = np.zeros((len(directions), 2, len(PARAMETERS)))
+    for axis in (0, 1):
+        seen[:, axis, axis] = bent[:, axis] / focal_px[axis]
+        seen[:, axis, 2 + axis] = 1 / focal_px[axis]
+    seen[:, :, 4:] = by_coefficient
+    a, b, d = jacobian(x, y, coefficients)
+    inverse = np.array([[d, -b], [-b, a]]) / (a * d - b * b)
+    return np.asarray(-np.einsum("ijn,njp->nip", inverse, seen))
+
+
+class SharesByPlace:
+    """Uncertainty of a distance due to the lens, as a share, by the place in the picture where the target is seen.
+
+    Args:
+        shares: The standard deviations at the nodes of a grid over the picture, from its first to its last pixel, shape
+            (rows, columns).
+    """
+
+    def __init__(self, shares: NDArray[np.float64], width_px: int, height_px: int) -> None:
+        self._shares: list[list[float]] = shares.tolist()
+        self._cells = (shares.shape[1] - 1, shares.shape[0] - 1)
+        self._per_px = (self._cells[0] / max(width_px - 1.0, 1.0), self._cells[1] / max(height_px - 1.0, 1.0))
+
+    @classmethod
+    def nodes_px(cls, width_px: int, height_px: int) -> NDArray[np.float64]:
+        """Return where the nodes are in the picture, shape (rows, columns, 2)."""
+        columns, rows = _CELLS
+        across, down = np.linspace(0.0, width_px - 1.0, columns + 1), np.linspace(0.0, height_px - 1.0, rows + 1)
+        return np.stack(np.meshgrid(across, down), axis=-1)
+
+    def at(self, x_px: float, y_px: float) -> float:
+        """Return the standard deviation at a place, by linear interpolation; outside, that of the nearest place.
+
+        What is not a number counts as 0: a direction that the lens does not reach has no place.
+        """
+        x = min(max(0.0, x_px * self._per_px[0]), self._cells[0] - 1e-9)
+        y = min(max(0.0, y_px * self._per_px[1]), self._cells[1] - 1e-9)
+        column, row = int(x), int(y)
+        x, y = x - column, y - row
+        upper, lower = self._shares[row], self._shares[row + 1]
+        above = upper[column] + x * (upper[column + 1] - upper[column])
+        below = lower[column] + x * (lower[column + 1] - lower[column])
+        return float(above + y * (below - above))
+
+
+# The way a camera turns directions into pixels ------------------------------------------------------------------------
 
 # How code values follow from light: as in sRGB, which nearly every camera imitates, or in proportion to it.
 ToneCurve = Literal["srgb", "linear"]
@@ -318,3 +640,79 @@ def _shares_by_place(model: CameraModel, uncertainty: LensUncertainty) -> Shares
     slopes = model.sensitivities(nodes_px.reshape(-1, 2))[:, 0]
     squares = np.einsum("np,pq,nq->n", slopes, uncertainty.covariance(), slopes).clip(0.0)
     return SharesByPlace(np.sqrt(squares).reshape(nodes_px.shape[:2]), model.width_px, model.height_px)
+
+
+# A camera behind a flat window under water ----------------------------------------------------------------------------
+#
+# By Snell's law a ray that meets the window at the angle θa in air goes on at θw in water, sin θa = n sin θw. So a
+# target appears n times as large near the middle, and more towards the border: it is a longer lens with a
+# pincushion distortion, and is described as one. With r = tan θw,
+#
+#     tan θa = n r / √(1 - (n² - 1) r²)
+#
+# Rays in water seem to come from behind the pupil: they meet the window, at the distance d in front of it, at the
+# height d tan θa, and the line back crosses the axis at z = d (1 - tan θa / tan θw), near the axis (n - 1) d behind
+# the pupil (T. Treibitz et al., "Flat refractive geometry", 2012, section 3).
+
+Medium = Literal["air", "water", "sea water"]
+
+
+class Refraction(NamedTuple):
+    """Refraction of light between a medium and air: the refractive index, and its standard deviation."""
+
+    n: float
+    sigma: float
+
+
+# Of green light between 0 and 30 °C (IAPWS R9-97 for water; X. Quan and E. Fry, 1995, for 35 g of salt in a kilogram);
+# the standard deviation is for temperature, salt and colour.
+REFRACTIONS: dict[Medium, Refraction] = {"water": Refraction(1.334, 0.002), "sea water": Refraction(1.341, 0.002)}
+
+# The distortion is fitted at so many places from the middle to the corner, and may be off by this share there: beyond
+# it, three coefficients are too few for so wide a lens.
+FITTED_PLACES = 60
+MAX_FIT_ERROR = 0.002
+
+
+def behind_flat_port(model: CameraModel, medium: Medium, port_m: float) -> CameraModel:
+    """Return the camera that sees under water as this one does behind a flat window.
+
+    Args:
+        model: The camera as it was calibrated in air.
+        port_m: How far the window is in front of the lens's entrance pupil, about its front glass.
+
+    Raises:
+        CalibrationError: The lens is too wide to be described so.
+    """
+    if medium == "air":
+        return model
+    n, n_sigma = REFRACTIONS[medium]
+    right, bottom = model.width_px - 1.0, model.height_px - 1.0
+    corners = model.directions(np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]]))
+    # The corner furthest from the middle, as r in water: the inverse of the formula above.
+    air = float(np.hypot(*corners.T).max())
+    r = np.linspace(0.0, air / math.sqrt(n**2 + (n**2 - 1) * air**2), FITTED_PLACES + 1)[1:]
+    in_air = n * r / np.sqrt(1 - (n**2 - 1) * r**2)
+    k1, k2, p1, p2, k3 = (*model.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+    appearing = distorted(np.column_stack((in_air, np.zeros_like(r))), (k1, k2, 0.0, 0.0, k3))[:, 0] / n
+    # Brown's radial polynomial of the longer lens: r' = r (1 + k1 r² + k2 r⁴ + k3 r⁶).
+    powers = np.column_stack((r**2, r**4, r**6))
+    radial = np.linalg.lstsq(powers, appearing / r - 1, rcond=None)[0]
+    error = float(np.abs((1 + powers @ radial) * r - appearing).max() / appearing[-1])
+    if not error < MAX_FIT_ERROR:
+        angle_deg = 2 * math.degrees(math.atan(air))
+        raise CalibrationError(
+            f"a lens that sees {angle_deg:.0f} degrees from corner to corner cannot be described "
+            f"behind a flat port: off by {error:.1%} at the corners; calibrate it under water, without medium",
+            "medium",
+        )
+    return replace(
+        model,
+        fx_px=model.fx_px * n,
+        fy_px=model.fy_px * n,
+        # A decentring of the lens grows with the square of what it sees in air, and is now counted per n.
+        distortion=(float(radial[0]), float(radial[1]), n * p1, n * p2, float(radial[2])),
+        focal_relative_sigma=math.hypot(model.focal_relative_sigma, n_sigma / n),
+        uncertainty=None,  # it is of the coefficients in air
+        pupil_ahead_m=(n - 1) * port_m,
+    )

@@ -1,14 +1,86 @@
-"""The place of the camera itself: its pose in the room, and the tags whose places tell it.
-
-The room's frame is that of REP-103: x and y on the floor, z up. Turns are counter-clockwise as seen from above.
-"""
+"""The place of the camera: on its robot, above the floor, in the room; and the check that it is still there."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from enum import StrEnum
 
 from msgspec import Struct
+
+from stadimeter.core.decision import Event, EventKind, Severity
+from stadimeter.core.operator import AnyCommand, OperatorAnswer, OperatorCommand
+from stadimeter.operator_actions import OperatorAction
+
+# The place of a camera on a robot, and of what it sees from there, in the axes of REP-103 -----------------------------
+
+Place = tuple[float, float, float]
+
+
+class Mount(Struct, frozen=True, kw_only=True):
+    """A camera on a robot, whose frame has x ahead, y to the left and z up, from the floor below its middle.
+
+    Source: ROS Enhancement Proposal 103. A camera that is mounted nowhere is straight above the middle and looks ahead.
+
+    Attributes:
+        x_m: How far the lens is ahead of the middle of the robot.
+        y_m: How far it is to the left of it.
+        z_m: How high it is above the floor; 0 if that is not known, so that heights are those above the camera.
+        yaw_rad: How far it is turned to the left.
+        tilt_rad: How far it looks up from level.
+    """
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    z_m: float = 0.0
+    yaw_rad: float = 0.0
+    tilt_rad: float = 0.0
+
+    def axes(self, tilt_rad: float) -> tuple[Place, Place, Place]:
+        """Return the robot's axes in the camera frame (x right, y down, z forward) at a tilt.
+
+        Looking up by t, the camera has level ahead at ``(0, sin t, cos t)``, the left at ``(-1, 0, 0)`` and up at
+        ``(0, -cos t, sin t)``. Turned to the left by ψ, the robot's x is ``cos ψ`` ahead and ``-sin ψ`` left.
+        """
+        up, level = math.sin(tilt_rad), math.cos(tilt_rad)
+        turned, straight = math.sin(self.yaw_rad), math.cos(self.yaw_rad)
+        return (turned, straight * up, straight * level), (-straight, turned * up, turned * level), (0.0, -level, up)
+
+    def in_robot(self, position_m: Place) -> Place:
+        """Return a place in the robot's frame from one in the camera frame."""
+        x, y, z = (sum(a * p for a, p in zip(axis, position_m, strict=True)) for axis in self.axes(self.tilt_rad))
+        return self.x_m + x, self.y_m + y, self.z_m + z
+
+
+# Knowledge of a target that stands on the floor, and of the camera above it -------------------------------------------
+
+# Standard deviations of the camera's height and tilt where the configuration states none: a tape measure along a robot,
+# and a protractor on a small camera.
+HEIGHT_SIGMA_M, TILT_SIGMA_RAD = 0.01, math.radians(1)
+
+
+class Footing(Struct, frozen=True, kw_only=True):
+    """The camera above a level floor, and what of a target is on it.
+
+    Attributes:
+        height_m: How high the camera is above the floor.
+        tilt_rad: How far it looks up from level.
+        tilt_sigma_rad: Standard deviation of the tilt, and of how level the camera is across.
+        centre_m: How high the target's centre is above the floor, 0 of what lies flat on it; None for a target that
+            stands upright on its lowest edge, or rests on it as a ball does.
+    """
+
+    height_m: float
+    height_sigma_m: float = HEIGHT_SIGMA_M
+    tilt_rad: float = 0.0
+    tilt_sigma_rad: float = TILT_SIGMA_RAD
+    centre_m: float | None = None
+    centre_sigma_m: float = 0.0
+
+
+# The place of the camera itself: its pose in the room, and the tags whose places tell it ------------------------------
+#
+# The room's frame is that of REP-103: x and y on the floor, z up. Turns are counter-clockwise as seen from above.
 
 Vector = tuple[float, float, float]
 
@@ -132,3 +204,70 @@ def _both(angle_rad: float) -> tuple[float, float]:
 
 def _dot(one: Sequence[float], other: Sequence[float]) -> float:
     return sum([a * b for a, b in zip(one, other, strict=True)])
+
+
+# A check that the camera is still mounted as when its view was saved, and how a person confirms that it may be so -----
+#
+# A camera that was turned, zoomed or refocused measures on, and wrongly: nothing in a single measurement shows it.
+# Distances count as *unconfirmed* from then on. They drive outputs as before, unless the configuration says
+# otherwise: an alarm that falls silent because its camera was touched would be the greater harm.
+
+MOUNTING = "mounting"
+
+
+class MountingStatus(StrEnum):
+    """The known state of the mounting."""
+
+    AS_SAVED = "as_saved"
+    NOT_JUDGED = "not_judged"
+    """It cannot be judged at present, such as in the dark; it was as saved before."""
+    UNCONFIRMED = "unconfirmed"
+    """It is not as it was saved, and no one has confirmed it."""
+
+
+class Mounting(Struct, frozen=True, kw_only=True):
+    """Result of the newest check of the mounting.
+
+    Attributes:
+        reason: Why it is unconfirmed or not judged, in words; empty if it is as saved.
+    """
+
+    status: MountingStatus = MountingStatus.AS_SAVED
+    reason: str = ""
+
+    @property
+    def is_unconfirmed(self) -> bool:
+        """True while distances are unconfirmed."""
+        return self.status is MountingStatus.UNCONFIRMED
+
+
+def step_mounting(
+    *, was_unconfirmed: bool, mounting: Mounting | None, commands: Iterable[AnyCommand], now_s: float
+) -> tuple[bool, tuple[OperatorAnswer, ...], tuple[Event, ...]]:
+    """Check whether distances are unconfirmed now, and list the answers to those who confirm them and what happened.
+
+    Args:
+        mounting: What the newest check says; None where nothing is watched.
+    """
+    is_unconfirmed = mounting is not None and mounting.is_unconfirmed
+    events: list[Event] = []
+    answers: list[OperatorAnswer] = []
+    if mounting is not None and is_unconfirmed and not was_unconfirmed:
+        events.append(_event(EventKind.FAULT, now_s, f"the camera is not mounted as it was saved: {mounting.reason}"))
+    elif was_unconfirmed and not is_unconfirmed:
+        events.append(_event(EventKind.FAULT_CLEARED, now_s, "the camera is as it was saved again"))
+    for command in commands:
+        if not isinstance(command, OperatorCommand) or command.action is not OperatorAction.CONFIRM_MOUNTING:
+            continue
+        words = "nothing is to be confirmed: no check of the mounting has found anything"
+        if is_unconfirmed:
+            words = "the mounting is confirmed; the present view is saved in place of the former one"
+            events.append(_event(EventKind.FAULT_CLEARED, now_s, f"confirmed {command.said}", command.by))
+        answers.append(OperatorAnswer(id=command.id, accepted=is_unconfirmed, words=words))
+        is_unconfirmed = False
+    return is_unconfirmed, tuple(answers), tuple(events)
+
+
+def _event(kind: EventKind, now_s: float, reason: str, by: str = "") -> Event:
+    severity = Severity.SAFETY if kind is EventKind.FAULT else Severity.INFO
+    return Event(kind=kind, source=MOUNTING, at_s=now_s, severity=severity, reason=reason, by=by)

@@ -1,4 +1,4 @@
-"""The commands that an actuator or a base receives. Commands are values: a wrong one cannot be made."""
+"""The commands that an actuator or a base receives, and what a base reports of itself."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import math
 from msgspec import Struct
 
 from stadimeter.errors import CommandRangeError
+
+# The commands that an actuator or a base receives. Commands are values: a wrong one cannot be made --------------------
 
 
 class LevelCommand(Struct, frozen=True, kw_only=True, tag=True):
@@ -75,3 +77,37 @@ Command = LevelCommand | TwistCommand
 def _check_time(output: str, captured_at_s: float | None) -> None:
     if captured_at_s is not None and not math.isfinite(captured_at_s):
         raise CommandRangeError(f"{output}: capture time {captured_at_s} is not finite")
+
+
+# The report of a robot base on itself ---------------------------------------------------------------------------------
+
+
+class BaseReport(Struct, frozen=True, kw_only=True):
+    """The last report of a base. None stands for what it does not have, or has not reported yet.
+
+    Attributes:
+        at_s: When it was received, on the run's monotonic clock.
+        battery_v: Voltage of the battery.
+        is_bumped: Whether a bumper is pressed.
+        is_at_cliff: Whether a sensor below it sees no floor, or a wheel hangs down.
+        left_m: How far the left wheel has rolled since the base was opened, less what it rolled back.
+        right_m: The same of the right wheel.
+        camera_tilt_rad: How far its camera is tilted up from level.
+        errors: What the base says is wrong with it, in words.
+    """
+
+    at_s: float
+    battery_v: float | None = None
+    is_bumped: bool | None = None
+    is_at_cliff: bool | None = None
+    left_m: float | None = None
+    right_m: float | None = None
+    camera_tilt_rad: float | None = None
+    errors: tuple[str, ...] = ()
+
+    @property
+    def why_not_drive(self) -> str:
+        """The reason why the base may not drive, whatever rules want, in words; empty if it may."""
+        bumped = ["its bumper is pressed"] if self.is_bumped else []
+        at_cliff = ["there is no floor below it"] if self.is_at_cliff else []
+        return "; ".join((*bumped, *at_cliff, *self.errors))

@@ -27,8 +27,8 @@ from stadimeter.core.conditions.of_base import ContactSensorCondition
 from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.sequence import SequenceCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
+from stadimeter.core.measurement import Track
 from stadimeter.core.observation import MonthDay, WallTime
-from stadimeter.core.track import Track
 from stadimeter.core.words import day, duration, figure_in_words, length, metres, short_figure, time_of_day
 from stadimeter.core.words import uncertain_figure as uncertain
 

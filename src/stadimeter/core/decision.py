@@ -8,8 +8,8 @@ from enum import StrEnum
 from msgspec import Struct, field
 
 from stadimeter.core.command import Command
+from stadimeter.core.measurement import Track
 from stadimeter.core.operator import OperatorAnswer
-from stadimeter.core.track import Track
 
 
 class EventKind(StrEnum):

@@ -8,8 +8,7 @@ import math
 from msgspec import Struct
 from msgspec.structs import astuple
 
-from stadimeter.core.base_report import BaseReport
-from stadimeter.core.command import TwistCommand
+from stadimeter.core.command import BaseReport, TwistCommand
 
 # Motion is remembered for this long: the oldest picture that a newer one is compared with, and the lag before it.
 REMEMBERED_S = 25.6

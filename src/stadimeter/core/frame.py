@@ -1,4 +1,4 @@
-"""A picture and the moment it was taken."""
+"""A picture and the moment it was taken; what the core knows of pictures without their pixels."""
 
 from __future__ import annotations
 
@@ -7,6 +7,86 @@ from typing import Literal, get_args
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
+
+# The pictures that came lately, known again by a hash -----------------------------------------------------------------
+
+# Pictures are remembered for this long, so that a cycle of up to 20 s is noticed: drivers cycle through 3 to 10
+# buffers, senders through a recording. The number bounds the memory: 200 pictures a second, 0.7 MB.
+REMEMBERED_S = 25.0
+MAX_REMEMBERED = 5000
+BREAK_S = 1.0
+
+
+class SeenPictures:
+    """Knows again the pictures of the last `REMEMBERED_S`. Breaks do not count: what came before them stays known."""
+
+    def __init__(self) -> None:
+        self._seen_at_s: dict[int, float] = {}  # by hash, the one that came last at the end
+        self._watched_s = 0.0
+        self._came_at_s = 0.0
+
+    def note(self, hashed: int, now_s: float) -> bool:
+        """Note that a picture came; return whether it came before."""
+        self._watched_s += min(max(now_s - self._came_at_s, 0.0), BREAK_S)
+        self._came_at_s = now_s
+        seen = self._seen_at_s
+        came_before = seen.pop(hashed, None) is not None
+        seen[hashed] = self._watched_s
+        while len(seen) > MAX_REMEMBERED or seen[next(iter(seen))] < self._watched_s - REMEMBERED_S:
+            del seen[next(iter(seen))]
+        return came_before
+
+    def __contains__(self, hashed: int) -> bool:
+        return hashed in self._seen_at_s
+
+    def __len__(self) -> int:
+        return len(self._seen_at_s)
+
+
+# The distance that the picture has moved, as the core sees it: without its pixels -------------------------------------
+
+
+class FlowSince(Struct, frozen=True, kw_only=True):
+    """Distance that the blocks of a picture have moved sideways since an earlier one, in pixels of a reduced picture.
+
+    Attributes:
+        since_s: The capture time of the earlier picture.
+        step_s: The time from the picture before to this one.
+        focal_px: The focal length at the reduced width.
+        aside_px: How far the blocks with texture are from the optical axis sideways, as a median.
+        blocks: How many blocks have texture: only of these can be said whether they moved.
+        shift2_px2: The square of the shift, as a median over the blocks with texture. Noise that is new in each picture
+            adds nothing to it, so it may be below 0 for a picture that stands still.
+        sigma_px2: Standard deviation of that median, from how the blocks scatter.
+        is_slid: Whether the earlier picture was slid over this one first, so that no turn of the camera is left in it.
+    """
+
+    since_s: float
+    step_s: float
+    focal_px: float
+    aside_px: float
+    blocks: int
+    shift2_px2: float
+    sigma_px2: float
+    is_slid: bool = False
+
+
+class PictureFlow(Struct, frozen=True, kw_only=True):
+    """Motion as a picture shows it.
+
+    Attributes:
+        textured: The share of its blocks that have texture, 0 to 1.
+        since: Its flow since earlier pictures; empty while there are none.
+        again: Its flow since the pictures of long ago that look most like it; here of three blocks in four, in place of
+            the median.
+    """
+
+    textured: float
+    since: tuple[FlowSince, ...] = ()
+    again: tuple[FlowSince, ...] = ()
+
+
+# A picture and the moment it was taken --------------------------------------------------------------------------------
 
 Image = NDArray[np.uint8]
 

@@ -23,9 +23,8 @@ from msgspec import Struct
 from stadimeter.core.decision import Severity
 from stadimeter.core.operator import HoldCommand, OperatorAnswer
 from stadimeter.core.plan import BaseOutput, Output
-from stadimeter.core.rule import AnyRule
-from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
-from stadimeter.core.rules.arbitration import Wanted
+from stadimeter.core.rule import AnyRule, LevelRequest, Request, TwistRequest
+from stadimeter.core.rules.scheduler import Wanted
 
 # A hold that is not repeated ends after this long on the run's clock.
 HOLD_S = 0.5

@@ -58,3 +58,21 @@ def clearing(topics: Iterable[str]) -> tuple[Message, ...]:
             messages.append(Message(topic=topic, payload="offline", qos=1))
         messages.append(Message(topic=topic, payload="", qos=1, retain=True))
     return tuple(messages)
+
+
+# A notification: the message that people get --------------------------------------------------------------------------
+
+
+class Notification(Struct, frozen=True, kw_only=True, tag=True):
+    """One notification for people.
+
+    Attributes:
+        at_s: When it arose, on the run's monotonic clock.
+        time: When it arose, the local time for people; empty if that does not matter.
+    """
+
+    title: str
+    body: str
+    severity: Severity = Severity.WARNING
+    time: str = ""
+    at_s: float = 0.0

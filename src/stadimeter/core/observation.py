@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from stadimeter.core.base_report import BaseReport
-from stadimeter.core.camera_pose import CameraPose
+from stadimeter.core.camera_pose import CameraPose, Mounting
+from stadimeter.core.command import BaseReport
+from stadimeter.core.frame import PictureFlow
 from stadimeter.core.measurement import Measurement
-from stadimeter.core.mounting import Mounting
 from stadimeter.core.operator import AnyCommand
-from stadimeter.core.picture_flow import PictureFlow
 
 
 class FrameStamp(Struct, frozen=True, kw_only=True):

@@ -11,7 +11,7 @@ from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import OutputTrace, SafetyMode
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.plan import BaseOutput, LevelOutput, Output
-from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
+from stadimeter.core.rule import LevelRequest, Request, TwistRequest
 from stadimeter.core.safety import SafetyState
 
 NOBODY = "no rule drives it"

@@ -15,8 +15,8 @@ from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.rule import AnyRule, ReportRule, conditions_of
 from stadimeter.core.sensor_fusion import SensorPair
-from stadimeter.core.tracking.nearest import NearestOf
-from stadimeter.core.tracking.settings import Tracking
+from stadimeter.core.tracking.life_cycle import NearestOf
+from stadimeter.core.tracking.motion import Tracking
 from stadimeter.core.tracking.transverse import Viewpoint
 
 __all__ = ["BaseOutput", "LevelOutput", "Output", "Plan", "Safety", "Tracking"]

@@ -15,8 +15,7 @@ from stadimeter.core.conditions.summary import Summary
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
 from stadimeter.core.plan import Plan
-from stadimeter.core.rule import AlarmRule, AnyRule, gate_of
-from stadimeter.core.rule_step import Step
+from stadimeter.core.rule import AlarmRule, AnyRule, Step, gate_of
 from stadimeter.core.rules.scheduler import new_rules, with_steps
 from stadimeter.core.tracking.transverse import motions_for
 

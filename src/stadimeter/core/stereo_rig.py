@@ -8,10 +8,9 @@ import numpy as np
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from stadimeter.core.camera_model import CameraModel, Provenance
+from stadimeter.core.camera_model import PARAMETERS, CameraModel, LensUncertainty, Provenance
 from stadimeter.core.detection import Values
 from stadimeter.core.frame import Frame
-from stadimeter.core.lens_uncertainty import PARAMETERS, LensUncertainty
 from stadimeter.errors import CalibrationError
 
 # The unknowns of two cameras, in the order of the covariance: of the left lens, of the right one, and the pose.

@@ -14,8 +14,8 @@ from collections.abc import Collection, Iterator, Mapping
 from functools import lru_cache
 
 from stadimeter.core.decision import Notice
+from stadimeter.core.measurement import Track
 from stadimeter.core.rule import Rule, Template
-from stadimeter.core.track import Track
 from stadimeter.core.words import FOOT_M
 
 Value = str | float | bool | None

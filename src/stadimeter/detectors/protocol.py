@@ -11,9 +11,8 @@ from msgspec import Struct, field
 from stadimeter.config.plugins import DriverOptions
 from stadimeter.config.units import split_spread
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, Plane, Points, Prediction, RejectedCandidate
+from stadimeter.core.detection import Detection, Plane, Points, Prediction, RejectedCandidate, TargetShape
 from stadimeter.core.frame import Frame, Image
-from stadimeter.core.target import TargetShape
 from stadimeter.errors import PictureError
 
 if TYPE_CHECKING:  # a run draws nothing

@@ -24,7 +24,7 @@ from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.secrets import HIDDEN
 from stadimeter.config.units import FilePath
 from stadimeter.core.decision import Severity, first_to_go
-from stadimeter.core.notification import Notification
+from stadimeter.core.message import Notification
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverUnavailableError
 from stadimeter.messaging.back_off import BackOff, Patience
 

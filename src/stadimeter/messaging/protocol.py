@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
 from msgspec import Struct
 
-from stadimeter.core.message import Message
-from stadimeter.core.notification import Notification
+from stadimeter.core.message import Message, Notification
 
 if TYPE_CHECKING:
     from stadimeter.core.home_assistant import Announcement, DiscoveryPlace

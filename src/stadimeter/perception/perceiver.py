@@ -15,12 +15,10 @@ import numpy as np
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, Points, Prediction
-from stadimeter.core.floor import Footing
+from stadimeter.core.camera_pose import Footing
+from stadimeter.core.detection import Detection, Points, Prediction, TargetShape
 from stadimeter.core.frame import Frame, Optics
-from stadimeter.core.measurement import Measurement
-from stadimeter.core.target import TargetShape
-from stadimeter.core.track import Track
+from stadimeter.core.measurement import Measurement, Track
 from stadimeter.detectors.protocol import Detector, TracksSeveral
 from stadimeter.perception.prediction import Expectations
 from stadimeter.perception.several import Several

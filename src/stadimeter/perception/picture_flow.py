@@ -31,8 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.frame import Frame, Image
-from stadimeter.core.picture_flow import FlowSince, PictureFlow
+from stadimeter.core.frame import FlowSince, Frame, Image, PictureFlow
 
 Plane = NDArray[np.float32]
 

@@ -13,9 +13,8 @@ import math
 from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Prediction
-from stadimeter.core.target import TargetShape
-from stadimeter.core.track import Track
+from stadimeter.core.detection import Prediction, TargetShape
+from stadimeter.core.measurement import Track
 
 # Each target is looked for in the whole frame this often, in time of capture.
 SEARCH_EVERY_S = 1.0

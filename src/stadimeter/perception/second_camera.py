@@ -18,10 +18,9 @@ from msgspec.structs import replace
 
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, Values
 from stadimeter.core.frame import Frame
-from stadimeter.core.measurement import Measurement
+from stadimeter.core.measurement import Measurement, Track
 from stadimeter.core.sensor_fusion import DISAGREEMENT_SIGMAS
 from stadimeter.core.stereo_rig import StereoRig
-from stadimeter.core.track import Track
 from stadimeter.detectors.protocol import Detector, TracksSeveral
 from stadimeter.errors import PictureError, StadimeterError
 from stadimeter.perception.prediction import (

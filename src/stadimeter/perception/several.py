@@ -17,10 +17,9 @@ from collections.abc import Mapping, Sequence
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus, Prediction
+from stadimeter.core.detection import Detection, DetectionStatus, Prediction, TargetShape
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import TargetShape
-from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.detectors.protocol import TracksSeveral
 from stadimeter.perception.prediction import (
     FLOOR_PX,

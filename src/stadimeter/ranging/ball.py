@@ -26,8 +26,7 @@ import numpy as np
 from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, Points, Values
-from stadimeter.core.target import Reading
+from stadimeter.core.detection import Detection, Points, Reading, Values
 from stadimeter.ranging.similar_triangles import size_noise_share
 
 Vector = tuple[float, float, float]

@@ -45,7 +45,7 @@ def fit_bent(boards: Sequence[PlacedBoard], lens: Values) -> tuple[list[PlacedBo
 
     Args:
         boards: As the fit of a flat board has them, with the ways to bend.
-        lens: Of that fit, in the order of `stadimeter.core.lens_uncertainty.PARAMETERS`.
+        lens: Of that fit, in the order of `stadimeter.core.camera_model.PARAMETERS`.
     """
     bent, squares = list(boards), _squares(boards, lens)
     flat_squares = squares

@@ -20,10 +20,9 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance
+from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, LensUncertainty, Provenance
 from stadimeter.core.detection import Flags, Values
 from stadimeter.core.frame import Optics
-from stadimeter.core.lens_uncertainty import LensUncertainty
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.bent_board import distances_px, fit_bent, ways_to_bend
 from stadimeter.ranging.fit_covariance import PlacedBoard, lens_covariance
@@ -82,7 +81,7 @@ class BoardCalibration(Struct, frozen=True, kw_only=True):
 
 
 class _LensFit(Struct, frozen=True, kw_only=True, eq=False):
-    lens: Values  # in the order of `stadimeter.core.lens_uncertainty.PARAMETERS`
+    lens: Values  # in the order of `stadimeter.core.camera_model.PARAMETERS`
     boards: tuple[PlacedBoard, ...]  # one for each view
 
     @property

@@ -28,8 +28,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance
-from stadimeter.core.detection import Detection, DetectionStatus, Values
-from stadimeter.core.target import TargetShape
+from stadimeter.core.detection import Detection, DetectionStatus, TargetShape, Values
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.measure import measure
 

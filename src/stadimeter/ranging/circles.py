@@ -17,8 +17,7 @@ import numpy as np
 from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, Points, Values
-from stadimeter.core.target import Reading
+from stadimeter.core.detection import Detection, Points, Reading, Values
 from stadimeter.ranging.circle_pose import circle_poses, cone_through
 from stadimeter.ranging.flat import FlatShape
 from stadimeter.ranging.similar_triangles import read_by_one_length

@@ -10,8 +10,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, Points
-from stadimeter.core.target import Reading
+from stadimeter.core.detection import Detection, Points, Reading
 from stadimeter.ranging.circle_pose import CirclePoses, circle_poses, cone_through
 from stadimeter.ranging.plane_pose import (
     COORDINATES,

@@ -35,10 +35,9 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, Points
-from stadimeter.core.floor import Footing
+from stadimeter.core.camera_pose import Footing
+from stadimeter.core.detection import Detection, Points, TargetShape
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.core.target import TargetShape
 from stadimeter.core.words import metres
 
 Ray = tuple[float, float]  # x and y per unit of depth, the lens's distortion undone

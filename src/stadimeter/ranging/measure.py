@@ -8,9 +8,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.detection import Detection, DetectionStatus, Reading, TargetShape
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.core.target import Reading, TargetShape
 
 _STATUS = {
     DetectionStatus.FOUND: MeasurementStatus.MEASURED,

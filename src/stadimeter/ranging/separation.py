@@ -8,9 +8,8 @@ import numpy as np
 from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, Values
+from stadimeter.core.detection import Detection, TargetShape, Values
 from stadimeter.core.measurement import Measurement
-from stadimeter.core.target import TargetShape
 from stadimeter.ranging.measure import sigma_parts
 
 

@@ -6,8 +6,8 @@ textbook rule (R. Szeliski, Computer Vision: Algorithms and Applications, 2nd ed
 the distance along the optical axis.
 
 How large the target will appear follows from geometry. How sure the distance will be follows from how well its size is
-measured in pixels, and that is said by its shape (`stadimeter.core.target.TargetShape.size_sigma_px`): the best to hope
-for, in a sharp, evenly lit picture.
+measured in pixels, and that is said by its shape (`stadimeter.core.detection.TargetShape.size_sigma_px`): the best to
+hope for, in a sharp, evenly lit picture.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ import math
 from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection
-from stadimeter.core.target import Reading, TargetShape
+from stadimeter.core.detection import Detection, Reading, TargetShape
 
 
 def distance_m(focal_px: float, size_m: float, apparent_px: float) -> float:

@@ -13,8 +13,8 @@ import numpy as np
 from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import TargetShape
 from stadimeter.core.measurement import Measurement
-from stadimeter.core.target import TargetShape
 from stadimeter.ranging.measure import SigmaParts
 
 # Standard deviation of each edge of a box that somebody drew by hand.

@@ -18,9 +18,8 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from stadimeter.core.camera_model import CameraModel, Provenance
+from stadimeter.core.camera_model import CameraModel, Provenance, all_five
 from stadimeter.core.detection import Flags, Values
-from stadimeter.core.lens_distortion import all_five
 from stadimeter.core.stereo_rig import OF_LENS, OF_POSE, UNKNOWNS, StereoRig, with_uncertainties
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.bent_board import distances_px, ways_to_bend

@@ -13,8 +13,7 @@ import numpy as np
 from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection
-from stadimeter.core.target import Reading
+from stadimeter.core.detection import Detection, Reading
 from stadimeter.ranging.flat import FlatShape
 from stadimeter.ranging.similar_triangles import read_by_one_length
 

@@ -10,8 +10,7 @@ from pydantic import AfterValidator
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Duration, Speed
-from stadimeter.core.base_report import BaseReport
-from stadimeter.core.command import TwistCommand
+from stadimeter.core.command import BaseReport, TwistCommand
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError
 from stadimeter.simulation.world import shared_world
 

@@ -11,8 +11,7 @@ from pydantic import Field
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.decision import first_to_go
-from stadimeter.core.message import NEWS_S, Message, as_history
-from stadimeter.core.notification import Notification
+from stadimeter.core.message import NEWS_S, Message, Notification, as_history
 from stadimeter.errors import DeviceClosedError
 from stadimeter.simulation.world import shared_world
 

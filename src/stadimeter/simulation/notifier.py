@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stadimeter.config.plugins import DriverContext
-from stadimeter.core.notification import Notification
+from stadimeter.core.message import Notification
 from stadimeter.simulation.messenger import Outbox, OutboxOptions
 
 

@@ -12,8 +12,7 @@ from typing import Any, TypeVar
 import pytest
 
 from stadimeter.core.decision import Severity
-from stadimeter.core.message import Message
-from stadimeter.core.notification import Notification
+from stadimeter.core.message import Message, Notification
 from stadimeter.errors import DeviceClosedError
 from stadimeter.messaging.protocol import Messenger, Notifier
 from stadimeter.testing.rig import Contract, Rig, threads_left

@@ -20,10 +20,10 @@ from stadimeter.cameras.protocol import Camera
 from stadimeter.config.plugins import CAMERAS, DriverChoice, DriverContext, load_driver
 from stadimeter.config.untrusted_file import holds_video, open_untrusted
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_pose import Mount
 from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.core.mount import Mount
 from stadimeter.detectors.protocol import Detector, FindsSeveral, KnowsRemedies, Remedy, ShowsEdges, TracksSeveral
 from stadimeter.errors import PictureError, StadimeterError, UnreadableError
 from stadimeter.perception.perceiver import Perceiver

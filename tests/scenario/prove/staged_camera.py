@@ -22,8 +22,7 @@ from stadimeter.app.freeze import FreezeDetector
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Frame, Image
-from stadimeter.core.measurement import Measurement
-from stadimeter.core.track import Track
+from stadimeter.core.measurement import Measurement, Track
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DeviceOpenError, LinkLostError
 from stadimeter.workbench.rule_tests.inputs import SyntheticTrack
 

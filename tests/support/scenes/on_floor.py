@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.floor import Footing
+from stadimeter.core.camera_pose import Footing
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.draw import CAMERA, TAG_FAMILY, TAGS
 from support.scenes.floor import Ground

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from msgspec.structs import replace
 
-from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_model import REFRACTIONS, CameraModel
 from stadimeter.core.detection import Points
-from stadimeter.core.refraction import REFRACTIONS
 from support.scenes import draw
 
 INDEX = REFRACTIONS["water"].n

@@ -17,9 +17,8 @@ from stadimeter.app.control.socket_server import Answer
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.config.camera_file import camera_file_text
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import DetectionStatus
+from stadimeter.core.detection import DetectionStatus, TargetShape
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import TargetShape
 from stadimeter.errors import CalibrationError
 
 if TYPE_CHECKING:

@@ -18,9 +18,9 @@ from stadimeter.core.alarms.settings import show_thresholds
 from stadimeter.core.decision import Decision, SafetyMode
 from stadimeter.core.message import NEWS_S
 from stadimeter.core.operator import AnyCommand, OperatorCommand
-from stadimeter.core.permission import could_let_act
 from stadimeter.core.reload import ReloadedState
 from stadimeter.core.rules.explaining import Reasons, explain
+from stadimeter.core.safety import could_let_act
 from stadimeter.operator_actions import OperatorAction
 
 # The decisions of this many seconds can be explained afterwards.

@@ -17,8 +17,7 @@ from msgspec import Struct, field
 
 if TYPE_CHECKING:  # it loads numpy, and `doctor` looks at the board before it knows whether that loads
     from stadimeter.app.live.history import RunHistory
-    from stadimeter.core.camera_pose import CameraPose
-    from stadimeter.core.mounting import Mounting
+    from stadimeter.core.camera_pose import CameraPose, Mounting
 
 # From here on a Raspberry Pi slows its processor; a 3B+ from 60 °C.
 THERMAL = "sys/class/thermal/thermal_zone0/temp"

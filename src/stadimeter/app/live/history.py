@@ -16,8 +16,8 @@ from msgspec import Struct, field
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.core.decision import Event
 from stadimeter.core.frame import Frame
+from stadimeter.core.measurement import Track
 from stadimeter.core.observation import FrameStamp
-from stadimeter.core.track import Track
 
 # For how long distances are remembered.
 WINDOW_S = 300.0

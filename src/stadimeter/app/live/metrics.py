@@ -19,7 +19,7 @@ from stadimeter.app.live.snapshot import LiveFeed
 from stadimeter.app.live.snapshot_json import SAMPLES_AT_ONCE
 from stadimeter.app.reporting import active_or_unknown
 from stadimeter.core.decision import EventKind, RuleStatus, SafetyMode
-from stadimeter.core.track import TrackStatus
+from stadimeter.core.measurement import TrackStatus
 
 # Figures of a cycle older than this are not those of now: outputs are at their safe values long before.
 STALE_S = 2.0

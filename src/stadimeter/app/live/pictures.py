@@ -16,7 +16,7 @@ from stadimeter.app.live.history import Seen
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame, Image
-from stadimeter.core.track import Track
+from stadimeter.core.measurement import Track
 
 # A larger picture is made smaller before it is encoded: no page shows more, and to encode it takes long.
 SHOWN_MAX_PX = 1280

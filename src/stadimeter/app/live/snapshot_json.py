@@ -21,11 +21,11 @@ from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
 from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.decision import Decision, Event, OutputTrace, RuleTrace
 from stadimeter.core.detection import Detection, RejectedCandidate
+from stadimeter.core.measurement import Track
 from stadimeter.core.message import Message
 from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.rules.explaining import Reasons
-from stadimeter.core.track import Track
 
 # After this many the interpreter is given to the loop, if it waits for it: else it would wait for up to 5 ms.
 OUTLINE_POINTS_MAX = 64

@@ -35,8 +35,7 @@ from stadimeter.app.deliveries import Undelivered
 from stadimeter.app.exact_json import decode, encode
 from stadimeter.app.persistence.resumption import ClockReading, Memory
 from stadimeter.config.atomic_file import rename_to_free_name
-from stadimeter.core.message import Message
-from stadimeter.core.notification import Notification
+from stadimeter.core.message import Message, Notification
 from stadimeter.core.persistence import Absence, AlarmSnapshot
 from stadimeter.errors import StateError
 

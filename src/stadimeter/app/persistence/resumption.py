@@ -27,8 +27,7 @@ from stadimeter.core.liveness import LivenessState
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.outputs import OutputStep
 from stadimeter.core.persistence import Absence, AlarmSnapshot, meaning_of, restore_alarms
-from stadimeter.core.rule import AnyRule
-from stadimeter.core.rule_step import Step
+from stadimeter.core.rule import AnyRule, Step
 from stadimeter.core.rules.follow import FollowStep
 from stadimeter.core.rules.ramp import RampStep
 from stadimeter.core.rules.report import ReportStep

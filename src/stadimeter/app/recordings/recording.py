@@ -30,8 +30,8 @@ from stadimeter.config.extras import require
 from stadimeter.config.loader import Configuration
 from stadimeter.config.untrusted_file import sha256_of
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import TargetShape
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import TargetShape
 from stadimeter.detectors.protocol import Detector
 
 if TYPE_CHECKING:

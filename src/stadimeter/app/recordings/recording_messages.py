@@ -21,11 +21,9 @@ import numpy as np
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.decision import Event, Severity
-from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
 from stadimeter.core.frame import Image
-from stadimeter.core.measurement import Measurement
-from stadimeter.core.target import TargetShape
-from stadimeter.core.track import Track
+from stadimeter.core.measurement import Measurement, Track
 
 Schema = dict[str, Any]
 

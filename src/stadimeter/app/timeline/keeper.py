@@ -28,7 +28,7 @@ from stadimeter.core.clock import DAY_S
 from stadimeter.core.decide import State
 from stadimeter.core.decision import RuleTrace
 from stadimeter.core.frame import Frame
-from stadimeter.core.track import Track
+from stadimeter.core.measurement import Track
 
 LOOK_EVERY_S = 1.0
 WRITE_EVERY_S = 60.0

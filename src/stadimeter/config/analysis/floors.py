@@ -11,7 +11,7 @@ from stadimeter.config.analysis import Subject
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.floor import Footing
+from stadimeter.core.camera_pose import Footing
 
 # A target whose centre is as high as the camera is level with it at every distance.
 LEVEL_M = 0.01

@@ -14,9 +14,8 @@ from stadimeter.core.condition_words import describe_verdict
 from stadimeter.core.conditions.compounds import Condition, Verdict, judge
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, Severity
-from stadimeter.core.rule import ROUNDING_S, AlarmRule, EscalationStep, Pattern
-from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
-from stadimeter.core.track import Track
+from stadimeter.core.measurement import Track
+from stadimeter.core.rule import ROUNDING_S, AlarmRule, EscalationStep, LevelRequest, Pattern, Request, TwistRequest
 
 _GOOD_NEWS = frozenset(
     {

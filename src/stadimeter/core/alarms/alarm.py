@@ -13,18 +13,83 @@ from msgspec.structs import replace
 
 from stadimeter.core.alarms import machine
 from stadimeter.core.alarms.actions import Evaluation, requests_of, stand
-from stadimeter.core.alarms.alarm_words import given_up_in_words, in_words, missing_in_words
 from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState
 from stadimeter.core.alarms.settings import as_set, keep_thresholds
 from stadimeter.core.alarms.state import NO_INHIBITS, Sample, SetThreshold, is_too_frequent
+from stadimeter.core.condition_words import describe_verdict
 from stadimeter.core.conditions.compounds import judge, leaves
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
-from stadimeter.core.rule import ROUNDING_S, AlarmRule
-from stadimeter.core.rule_step import OBSERVED, Step, keep_if_same, trace_of
-from stadimeter.core.track import TrackStatus
-from stadimeter.core.words import figure_in_words
+from stadimeter.core.measurement import TrackStatus
+from stadimeter.core.rule import ALWAYS, OBSERVED, ROUNDING_S, AlarmRule, LostPolicy, Step, keep_if_same, trace_of
+from stadimeter.core.words import duration, figure_in_words
+
+# The actions of an alarm, and what it waits for, in words with figures ------------------------------------------------
+
+
+def latched_until(rule: AlarmRule, record: AlarmRecord) -> str:
+    """Return until when an alarm that latched stays active, such as ``latched until it is reset``."""
+    if rule.ack_resets:
+        return "latched until it is acknowledged"
+    return f"latched until it is {'' if record.is_acknowledged else 'acknowledged and '}reset"
+
+
+def describe_alarm(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs) -> str:
+    """Return why an alarm does what it does, after a cycle, in words with figures."""
+    if record.unknown_since_s is None:
+        return in_words(rule, record, inputs)
+    is_held = record.is_active and not record.has_let_go
+    is_held = is_held and machine.decided_by_policy(rule, record, inputs.now_s) is None
+    return f"{'held: ' if is_held else ''}{missing_in_words(rule, record, inputs)}: {in_words(rule, record, inputs)}"
+
+
+def in_words(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs, *, with_probability: bool = False) -> str:
+    """Return the figures behind the condition of an alarm."""
+    return describe_verdict(
+        rule.condition,
+        inputs,
+        record.timers.leaves,
+        is_active=record.is_judged_by_its_end,
+        with_probability=with_probability,
+    )
+
+
+def missing_in_words(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs) -> str:
+    """Say what is missing to judge by, for how long, and what it counts as. It need not be the rule's own target."""
+    away_s = 0.0 if record.unknown_since_s is None else inputs.now_s - record.unknown_since_s
+    seen = "not known" if inputs.tracks[rule.target].is_valid else "not seen"
+    return f"{seen} for {away_s:.1f} s{policy_in_words(rule, record, inputs.now_s)}"
+
+
+def given_up_in_words(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs) -> str:
+    """Say what becomes of an active alarm that has had nothing to judge by for too long."""
+    is_latched = record.state in machine.LATCHED
+    then = f"it stays {latched_until(rule, record)}" if is_latched else "the output goes to its safe value"
+    return f"active, but {missing_in_words(rule, record, inputs)}; {then}"
+
+
+def why_not_latched(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs) -> str:
+    """Return why there is nothing to reset in an alarm."""
+    if not record.is_active:
+        return "it is not latched"
+    if not rule.latch:
+        return "it does not latch, and clears by itself"
+    if record.unknown_since_s is None:
+        return "its condition still holds"
+    if rule.lost.policy is LostPolicy.HOLD:
+        late = f"after {duration(rule.lost.fault_after_s)} (lost.fault_after)"
+        return (
+            f"its condition held when last known; {missing_in_words(rule, record, inputs)}, and it can be reset {late}"
+        )
+    return f"its condition counts as holding: {missing_in_words(rule, record, inputs)} (lost.policy)"
+
+
+def policy_in_words(rule: AlarmRule, record: AlarmRecord, now_s: float) -> str:
+    """Say what not seeing counts as, such as ``, which counts as danger``; empty while it counts as nothing."""
+    decided = machine.decided_by_policy(rule, record, now_s)
+    return "" if decided is None else ", which counts as danger" if decided else ", which counts as over"
+
 
 # At the start of a run, and after a restart, a target may take this long to be seen: until then it is not lost.
 AWAITED_S = 10.0
@@ -262,3 +327,71 @@ def _trace(
         chattering=record.is_chattering,
     )
     return keep_if_same(now, before)
+
+
+# The gate of a rule that acts in proportion: whether it may act, and what keeps it quiet ------------------------------
+#
+# A gate is judged as an alarm is, with hysteresis, and operators shelve it, take it out of service and put it back
+# as one. It has no delays: it is open while its condition holds, and closed while it does not. Where that is not
+# known the rule does not act either, whatever was before: nothing moves by guess.
+
+
+class GatedStep(OperatedStep, frozen=True, kw_only=True):
+    """The step of a rule with a gate in one cycle, and what it remembers.
+
+    Attributes:
+        is_open: Whether the condition of its gate held; None if that was not known.
+        held: Whether each part of that condition did.
+    """
+
+    is_open: bool | None = None
+    held: tuple[bool, ...] = ()
+
+
+class Gate(NamedTuple):
+    """A gate after a cycle."""
+
+    record: AlarmRecord | None
+    """None if it is that of the cycle before."""
+    is_open: bool | None
+    held: tuple[bool, ...]
+    inhibits: tuple[str, ...]
+    """What keeps the rule quiet, in words."""
+    events: tuple[Event, ...]
+
+    @property
+    def lets_move(self) -> bool | None:
+        """True if a base may be driven; None if that is not known. One that is only observed goes on being judged."""
+        return False if any(word != OBSERVED for word in self.inhibits) else self.is_open
+
+
+# The gate of a rule that has none.
+OPEN = Gate(None, True, (), (), ())
+_OPEN_OBSERVED = OPEN._replace(inhibits=(OBSERVED,))
+
+
+def step_gate(rule: AlarmRule, before: GatedStep, inputs: RuleInputs) -> Gate:
+    """Judge a gate for one cycle.
+
+    Args:
+        before: The step of its rule in the cycle before.
+    """
+    record = before.record
+    if rule.condition is ALWAYS and rule.suppress_when is None and record.inhibits is NO_INHIBITS:
+        return _OPEN_OBSERVED if rule.observe else OPEN
+    evaluation = Evaluation(rule, record, inputs)
+    verdict = evaluation.judge(rule.condition, before.held, is_active=before.is_open is True)
+    stand(evaluation)
+    is_same = evaluation.record == record
+    words = evaluation.record.inhibits.words()
+    inhibits = (*words, OBSERVED) if rule.observe else words
+    after = None if is_same else evaluation.record
+    return Gate(after, verdict.value, verdict.held, inhibits, evaluation.events)
+
+
+def describe_gate(rule: AlarmRule, step: GatedStep, inputs: RuleInputs) -> str:
+    """Return why a gate does not let its rule act, in words with figures; empty where it does."""
+    if step.is_open:
+        return ""
+    words = describe_verdict(rule.condition, inputs, step.held, is_active=False)
+    return f"its `when` {'cannot be known' if step.is_open is None else 'does not hold'}: {words}"

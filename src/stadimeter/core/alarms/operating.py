@@ -8,8 +8,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.alarms import machine
 from stadimeter.core.alarms.actions import Evaluation, unshelve
-from stadimeter.core.alarms.alarm import OperatedStep
-from stadimeter.core.alarms.alarm_words import why_not_latched
+from stadimeter.core.alarms.alarm import OperatedStep, why_not_latched
 from stadimeter.core.alarms.machine import LATCHED, TRANSITIONS, Trigger
 from stadimeter.core.alarms.settings import RuleThreshold, move, thresholds_of
 from stadimeter.core.alarms.state import Acknowledgement, SetThreshold
@@ -99,7 +98,7 @@ def _reset(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     record = evaluation.record
     if record.state not in LATCHED and any(
         isinstance(leaf, RememberedCondition) and leaf.rules for leaf in leaves(evaluation.rule.condition)
-    ):  # what it counts is emptied in `stadimeter.core.remembering`
+    ):  # what it counts is emptied in `stadimeter.core.decide`
         evaluation.add_event(EventKind.RESET, f"it counts anew: {command.said}", notify=False, by=command.by)
         return ""
     if record.state not in LATCHED:

@@ -21,7 +21,7 @@ from stadimeter.core.bounds import MAX_DURATION_S, MIN_QUANTITY
 from stadimeter.core.conditions.figures import probability_below
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold
 from stadimeter.core.conditions.limits import FAR_SIGMAS, turning_point
-from stadimeter.core.track import Track
+from stadimeter.core.measurement import Track
 
 
 class Approach(NamedTuple):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.measurement import Track, TrackStatus
 
 Quantity = Literal["distance", "depth"]
 Direction = Literal["bearing", "elevation"]

@@ -12,12 +12,10 @@ from typing import ClassVar, NamedTuple
 
 from msgspec import Struct, field
 
-from stadimeter.core.base_report import BaseReport
-from stadimeter.core.command import Command
+from stadimeter.core.command import BaseReport, Command
 from stadimeter.core.decision import SafetyMode
-from stadimeter.core.measurement import Sighting
+from stadimeter.core.measurement import Sighting, Track
 from stadimeter.core.observation import WallTime
-from stadimeter.core.track import Track
 from stadimeter.core.tracking.transverse import AskedMotion, TransverseMotion, Viewpoint
 
 

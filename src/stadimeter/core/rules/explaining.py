@@ -11,22 +11,28 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.alarms import machine
-from stadimeter.core.alarms.alarm import AlarmStep, OperatedStep
-from stadimeter.core.alarms.alarm_words import describe_alarm, in_words, latched_until, policy_in_words
-from stadimeter.core.alarms.gate import GatedStep, describe_gate
+from stadimeter.core.alarms.alarm import (
+    AlarmStep,
+    GatedStep,
+    OperatedStep,
+    describe_alarm,
+    describe_gate,
+    in_words,
+    latched_until,
+    policy_in_words,
+)
 from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState
 from stadimeter.core.alarms.settings import describe_thresholds
 from stadimeter.core.condition_words import Evidence, collect_evidence, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, SafetyMode
+from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.plan import Plan
-from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule, ReportRule, gate_of
-from stadimeter.core.rule_step import Step
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule, ReportRule, Step, gate_of
 from stadimeter.core.rules.follow import FollowStep, describe_follow
 from stadimeter.core.rules.ramp import describe_ramp
 from stadimeter.core.rules.report import ReportStep, describe_report
 from stadimeter.core.rules.scheduler import EvaluatedRules
-from stadimeter.core.track import TrackStatus
 from stadimeter.core.words import rounded_duration
 
 

@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 
-from stadimeter.core.alarms.gate import OPEN, Gate, GatedStep
+from stadimeter.core.alarms.alarm import OPEN, Gate, GatedStep
 from stadimeter.core.condition_words import describe_unread
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of, uncertain_of
 from stadimeter.core.decision import RuleStatus
-from stadimeter.core.rule import RampRule
-from stadimeter.core.rule_step import LevelRequest, trace_of
+from stadimeter.core.rule import LevelRequest, RampRule, trace_of
 from stadimeter.core.words import short_figure, uncertain_figure
 
 # An output that has begun goes on until the target is this far back, in standard deviations of the noise: noise at the

@@ -9,12 +9,11 @@ from __future__ import annotations
 import math
 
 from stadimeter.core.alarms.actions import is_to_be
-from stadimeter.core.alarms.gate import OPEN, Gate, GatedStep
+from stadimeter.core.alarms.alarm import OPEN, Gate, GatedStep
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus
-from stadimeter.core.rule import ROUNDING_S, ReportRule
-from stadimeter.core.rule_step import trace_of
+from stadimeter.core.rule import ROUNDING_S, ReportRule, trace_of
 from stadimeter.core.words import duration, time_of_day
 
 # So late a time of day still counts. Two messages are at least twice this apart: a clock that is put back a little, as

@@ -6,28 +6,212 @@ the same object as before: those who listen see at no cost that there is nothing
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from bisect import bisect_left, insort
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from graphlib import TopologicalSorter
+from operator import attrgetter
 from typing import TypeVar
 
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from stadimeter.core.alarms.alarm import AlarmStep, OperatedStep, Stepped, new_alarm, step_alarm, with_record
-from stadimeter.core.alarms.gate import step_gate
+from stadimeter.core.alarms.alarm import AlarmStep, OperatedStep, Stepped, new_alarm, step_alarm, step_gate, with_record
 from stadimeter.core.alarms.operating import operate
 from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.alarms.state import Sample
+from stadimeter.core.conditions.compounds import depends_on, judged_by_cycle, leaves
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.quantities import motion_of
+from stadimeter.core.conditions.sequence import SequenceCondition
 from stadimeter.core.decision import Event, EventKind, Notice, RuleTrace
 from stadimeter.core.operator import OperatorAnswer, OperatorCommand
-from stadimeter.core.plan import Plan
-from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule, ReportRule, gate_of
-from stadimeter.core.rule_step import Step
-from stadimeter.core.rules.arbitration import Wanted, arbitrate, rearrange
+from stadimeter.core.plan import BaseOutput, Output, Plan
+from stadimeter.core.rule import (
+    AlarmRule,
+    AnyRule,
+    FollowRule,
+    LevelRequest,
+    RampRule,
+    ReportRule,
+    Request,
+    Step,
+    TwistRequest,
+    conditions_of,
+    gate_of,
+)
 from stadimeter.core.rules.follow import FollowStep, new_follow, step_follow
-from stadimeter.core.rules.layout import Layout, layout_of
 from stadimeter.core.rules.ramp import RampStep, new_ramp, step_ramp
 from stadimeter.core.rules.report import ReportStep, new_report, step_report
+from stadimeter.core.tracking.transverse import AskedMotion
+
+# The choice of the winner of an output --------------------------------------------------------------------------------
+
+# The requests for each output that has any, the winner first.
+Wanted = Mapping[str, Sequence[Request]]
+
+
+def arbitrate(requests: Iterable[Request], outputs: Mapping[str, Output] | None = None) -> dict[str, list[Request]]:
+    """Sort the requests for each output, the winner first.
+
+    The highest priority wins. Between equals, the output's combination decides.
+
+    Args:
+        requests: What the rules want, in the order of the configuration.
+        outputs: The outputs that have equals to combine, by name.
+    """
+    by_output: dict[str, list[Request]] = defaultdict(list)
+    for request in sorted(requests, key=attrgetter("priority"), reverse=True):  # equals stay in order
+        by_output[request.output].append(request)
+    for name, output in (outputs or {}).items():
+        if len(by_output.get(name, ())) > 1:
+            by_output[name] = _combine(by_output[name], output)
+    return by_output
+
+
+def rearrange(wanted: Wanted, gone: Iterable[Request], come: Iterable[Request], positions: Mapping[str, int]) -> Wanted:
+    """Return the same as `arbitrate` when only a few requests have changed, without sorting all of them.
+
+    Lists in which nothing has changed are the same objects.
+
+    Args:
+        wanted: The requests for each output so far, the winner first.
+        gone: The requests that were made before and are no longer.
+        come: The requests that are made now.
+        positions: The position of each rule in the configuration, by its name.
+    """
+    after: dict[str, Sequence[Request]] = dict(wanted)
+    lists: dict[str, list[Request]] = {}
+
+    def place(request: Request) -> tuple[int, int]:
+        return -request.priority, positions[request.rule]
+
+    for request in gone:
+        left = lists.setdefault(request.output, list(wanted[request.output]))
+        del left[bisect_left(left, place(request), key=place)]
+    for request in come:
+        insort(lists.setdefault(request.output, list(wanted.get(request.output, ()))), request, key=place)
+    for output, requests in lists.items():
+        if requests:
+            after[output] = requests
+        else:
+            del after[output]
+    return after
+
+
+def _combine(wanted: list[Request], output: Output) -> list[Request]:
+    equals = [request for request in wanted if request.priority == wanted[0].priority]
+    if len(equals) == 1:
+        return wanted
+    rest = wanted[len(equals) :]
+    if isinstance(output, BaseOutput):
+        return [_most_restrictive(equals), *rest]
+    levels = [request for request in equals if isinstance(request, LevelRequest)]
+    levels.sort(key=attrgetter("level"), reverse=output.combine == "max")
+    return [*levels, *rest]
+
+
+def _most_restrictive(equals: list[Request]) -> Request:
+    """Return the slower of each speed. Rules that want to go opposite ways stand still."""
+    twists = [request for request in equals if isinstance(request, TwistRequest)]
+    return TwistRequest(
+        rule="+".join(request.rule for request in twists),
+        output=twists[0].output,
+        priority=twists[0].priority,
+        linear_mps=_slowest([request.linear_mps for request in twists]),
+        angular_radps=_slowest([request.angular_radps for request in twists]),
+        tilt_radps=_slowest([request.tilt_radps for request in twists]),
+        is_gentle=all(request.is_gentle for request in twists),
+    )
+
+
+def _slowest(speeds: list[float]) -> float:
+    slowest = min(speeds, key=abs)
+    return slowest if all(math.copysign(1.0, speed) == math.copysign(1.0, slowest) for speed in speeds) else 0.0
+
+
+# Facts worked out once for the rules of a plan: the order in which they are judged, and what they take ----------------
+
+
+class Layout(Struct, frozen=True, kw_only=True):
+    """Facts that are worked out once for a plan.
+
+    Attributes:
+        order: The positions of the rules in the order of judging: each after those that it asks for.
+        asked_for: The positions of the rules that others ask for.
+        motions: The motions across the line of sight that any rule takes.
+        bases: The outputs that are bases, by name.
+        combined: The outputs that have equals to combine, by name.
+        grouped: The positions of the alarms that belong to a group.
+        by_cycle: The positions of the alarms that are judged in every cycle, with or without a new frame.
+        positions: The position of each rule, by its name.
+        sequences: For each rule that a sequence names, by its name, the sequences that it is the last of.
+    """
+
+    order: tuple[int, ...] = ()
+    asked_for: frozenset[int] = frozenset()
+    motions: frozenset[AskedMotion] = frozenset()
+    bases: Mapping[str, BaseOutput] = field(default_factory=dict)
+    combined: Mapping[str, Output] = field(default_factory=dict)
+    grouped: tuple[int, ...] = ()
+    by_cycle: frozenset[int] = frozenset()
+    positions: Mapping[str, int] = field(default_factory=dict)
+    sequences: Mapping[str, tuple[SequenceCondition, ...]] = field(default_factory=dict)
+
+
+def layout_of(plan: Plan) -> Layout:
+    """Work out what the rules of a plan are judged with.
+
+    Raises:
+        CycleError: Rules ask for each other in a circle; a configuration with such rules is refused before.
+    """
+    positions = {rule.name: index for index, rule in enumerate(plan.rules)}
+    asked = {index: [positions[name] for name in sorted(asks_for(rule))] for index, rule in enumerate(plan.rules)}
+    contested = contested_outputs(plan.rules)
+    alarms = [(index, rule) for index, rule in enumerate(plan.rules) if isinstance(rule, AlarmRule)]
+    return Layout(
+        order=tuple(TopologicalSorter(asked).static_order()),  # where none asks, in the order of the plan
+        asked_for=frozenset().union(*asked.values()),
+        motions=frozenset(each for rule in plan.rules for each in _motions(rule)),
+        bases={output.name: output for output in plan.outputs if isinstance(output, BaseOutput)},
+        combined={output.name: output for output in plan.outputs if output.name in contested},
+        grouped=tuple(index for index, rule in alarms if rule.group),
+        by_cycle=frozenset(index for index, rule in alarms if judged_by_cycle(rule.condition)),
+        positions=positions,
+        sequences=_sequences(plan.rules),
+    )
+
+
+def _motions(rule: AnyRule) -> Iterator[AskedMotion]:
+    taken = [leaf.motion for condition in conditions_of(rule) for leaf in leaves(condition)]
+    if isinstance(rule, RampRule):
+        taken.append(motion_of(rule.target, rule.quantity))
+    return (each for each in taken if each is not None)
+
+
+def _sequences(rules: Sequence[AnyRule]) -> dict[str, tuple[SequenceCondition, ...]]:
+    parts = (leaf for rule in rules for condition in conditions_of(rule) for leaf in leaves(condition))
+    found = list(dict.fromkeys(part for part in parts if isinstance(part, SequenceCondition)))
+    named = {name for each in found for name in each.rules}
+    return {name: tuple(each for each in found if each.rules[-1] == name) for name in named}
+
+
+def contested_outputs(rules: Sequence[AnyRule]) -> frozenset[str]:
+    """Return the outputs that two rules, or more, may ask for with one priority."""
+    names: dict[tuple[str, int], set[str]] = defaultdict(set)
+    for rule in rules:
+        steps = rule.escalation if isinstance(rule, AlarmRule) else ()
+        for output in (rule.output, *(step.output for step in steps)):
+            if output is not None:
+                names[output, rule.priority].add(rule.name)
+    return frozenset(output for (output, _), of_one_priority in names.items() if len(of_one_priority) > 1)
+
+
+def asks_for(rule: AnyRule) -> frozenset[str]:
+    """Return the names of the rules that a rule asks for, by any of its conditions."""
+    return frozenset().union(*map(depends_on, conditions_of(rule)))
+
 
 _T = TypeVar("_T")
 

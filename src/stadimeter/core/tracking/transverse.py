@@ -15,12 +15,10 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.measurement import Sighting
-from stadimeter.core.mount import Mount
-from stadimeter.core.track import Track
+from stadimeter.core.camera_pose import Mount
+from stadimeter.core.measurement import Sighting, Track
 from stadimeter.core.tracking import motion
-from stadimeter.core.tracking.motion import MotionState
-from stadimeter.core.tracking.settings import Tracking
+from stadimeter.core.tracking.motion import MotionState, Tracking
 
 # Noise of an angle: never less than a twentieth of a pixel at a focal length of 500, and one pixel where it is unknown.
 MIN_NOISE_RAD, UNKNOWN_NOISE_RAD = 1e-4, 2e-3

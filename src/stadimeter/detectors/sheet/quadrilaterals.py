@@ -30,9 +30,9 @@ Polygon = NDArray[np.generic]
 MEDIAN_PX, LEVELS = 5, 6
 LEVEL_RANGE = (0.01, 0.995)
 
-# Under uneven light a sheet is brighter than the mean of a square around it: its side as a share of the picture, and by
-# how many levels at least. A page on a pale door with a lamp above it is found in no other way. A small sheet stands out
-# by half of what anything does.
+# Under uneven light a sheet is brighter than the mean of a square around it: its side as a share of the picture, and
+# by how many levels at least. A page on a pale door below a lamp is found in no other way. A small sheet stands out by
+# half of what anything does.
 AROUND_SHARE, MIN_APART = 0.2, 8.0
 
 # A picture of more outlines than this is noise; looking through them takes long and finds nothing.

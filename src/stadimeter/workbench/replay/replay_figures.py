@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Decision, Event, EventKind, RuleTrace
+from stadimeter.core.measurement import Track
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
-from stadimeter.core.track import Track
 
 # A distance is the mean of those measured within this before and after.
 HALF_WINDOW_S = 0.25

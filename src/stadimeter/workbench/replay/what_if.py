@@ -24,8 +24,7 @@ from stadimeter.core.decide import JudgedBy, State, decide, initial_state, judge
 from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.rule import AlarmRule, FollowRule, conditions_of
 from stadimeter.core.rules.explaining import Reasons
-from stadimeter.core.rules.layout import asks_for
-from stadimeter.core.rules.scheduler import judge, with_steps
+from stadimeter.core.rules.scheduler import asks_for, judge, with_steps
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.lanes import Lane, ReplaySide
 from stadimeter.workbench.replay.replay import AnyRecording, decisions, first_state

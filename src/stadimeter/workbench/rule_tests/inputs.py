@@ -27,11 +27,11 @@ from stadimeter.config.rule_test_tables import InputTable, MotionTable, Operator
 from stadimeter.config.rules.schedule_tables import DAYS
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import DAY_S
+from stadimeter.core.detection import TargetShape
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.stereo_rig import StereoRig
-from stadimeter.core.target import TargetShape
 from stadimeter.errors import ConfigError, JournalError, Problem, StadimeterError
 from stadimeter.ranging.similar_triangles import expect
 from stadimeter.ranging.stereo import straight_ahead_share

@@ -17,11 +17,11 @@ from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Event, EventKind, RuleStatus, RuleTrace
+from stadimeter.core.measurement import Track
 from stadimeter.core.outputs import safe_command
 from stadimeter.core.plan import Output, Plan
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.rules.explaining import explain
-from stadimeter.core.track import Track
 from stadimeter.errors import ConfigError, Problem, StadimeterError
 from stadimeter.workbench.rule_tests.inputs import observations, position_at
 from stadimeter.workbench.rule_tests.watches import (

@@ -15,9 +15,8 @@ from stadimeter.config.named_sizes import UNKNOWN_SIZE
 from stadimeter.config.plugins import DriverChoice, ReportsLacks, driver_names, load_driver
 from stadimeter.config.units import split_spread, validation_context
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
 from stadimeter.core.frame import Frame
-from stadimeter.core.target import TargetShape
 from stadimeter.detectors.protocol import AsksInSetup, SetupKind, SetupQuestion
 from stadimeter.errors import ConfigError, DriverError, StadimeterError
 from stadimeter.workbench.annotation import Mark, annotate, write_picture
