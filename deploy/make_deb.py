@@ -1,7 +1,7 @@
 """Makes the Debian package: ``make deb``, or ``python deploy/make_deb.py --release trixie --arch arm64``.
 
 It needs pip, dpkg-deb and a network, no root and no machine of the release: pip gathers wheels that are built for it.
-The package has an environment of its own, in a folder named after its version; docs/decisions/0016 says why.
+The package has an environment of its own, in a folder named after its version; docs/decisions/package.md says why.
 """
 
 from __future__ import annotations
