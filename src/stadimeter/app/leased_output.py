@@ -3,6 +3,9 @@
 Every command carries the capture time of the frame that justifies it. When that frame is older than the lease, the
 output goes to its safe value, whatever the control loop is doing.
 
+An output is stopped in three ways: `check`, which the guard calls, ends a command whose frame is too old; `make_safe`
+puts it at its safe value until the next command; `retire` stops it for good, at the end of a run.
+
 A driver that failed is stopped. After a wait that grows with each failure it is closed and opened anew, as at the start
 of a run: whatever answers is identified, and stands. Then it keeps its safe value for `REST_S` more, with its fault
 changed to say so, for it may have been plugged in by someone whose hands are near its wheels. It takes commands again
