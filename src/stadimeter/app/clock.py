@@ -193,7 +193,6 @@ class SteppedClock:
         return beside.end
 
     def _wake(self, task: _Task, time_s: float) -> None:
-        """Let a task go on at that time."""
 
         def go_on(_now_s: float) -> None:
             self._periodic.remove(entry)

@@ -387,7 +387,6 @@ def _given_up_message(name: str, count: int, boot_id: str, now_s: float, wall_cl
 
 
 def _event(topic: str, payload: Mapping[str, object], severity: Severity, at_s: float) -> Message:
-    """Return the message of an event."""
     return Message(topic=topic, payload=_JSON.encode(payload), qos=1, severity=severity, at_s=at_s)
 
 

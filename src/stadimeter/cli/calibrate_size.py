@@ -135,7 +135,6 @@ def size(
 
 
 def _with_assumed_size(given: GivenTarget) -> GivenTarget:
-    """Return the target with a size in place of the word for none."""
     if given.get("--tolerance") is not None:
         raise ConfigError("--tolerance says how well a size is known, and this command finds that out; leave it out")
     words = {flag: str(given[flag]).strip().lower() for flag in (*_ONE_SIZE, "--sheet") if given.get(flag) is not None}

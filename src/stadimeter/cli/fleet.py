@@ -155,7 +155,6 @@ class _Answer(msgspec.Struct, frozen=True):
 
 
 def _acknowledge(messenger: Subscribes, alarm: str, by: str, wait_s: float, *, as_json: bool) -> None:
-    """Ask a device to acknowledge an alarm, and print its answer."""
     base, _, rule = alarm.rpartition("/")
     if not rule or not base.partition("/")[2] or set(alarm) & set("+#"):
         raise ConfigError([Problem(f"{alarm!r} is no NODE/RULE, such as garage/too-close", key="--acknowledge")])

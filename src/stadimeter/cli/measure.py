@@ -239,7 +239,6 @@ def _video(path: Path) -> DriverChoice:
 
 
 def _pair_from_option(between: str | None, given: GivenTarget) -> tuple[str, str] | None:
-    """Return the names of the two targets of ``--between``."""
     if between is None:
         return None
     one, _, other = (each.strip() for each in between.partition(","))

@@ -151,7 +151,6 @@ def _timeline_s(table: TimelineTable | None) -> float:
 
 @contextmanager
 def _open_event_log(loop: Loop, is_right: Callable[[], bool], path: Path) -> Iterator[None]:
-    """Keep the event log of a run."""
     configuration, tell = loop.parts.configuration.path, loop.services.tell
     log = EventLog(path, is_right=is_right)
 
@@ -223,7 +222,6 @@ def _watch_mounting(loop: Loop) -> Iterator[None]:
 
 
 def _page_command(configuration: Path, service: Service | None) -> str:
-    """Return the command that opens the page of a run."""
     return f"stadimeter web {configuration}" if service is None else "sudo systemctl enable --now stadimeter-web"
 
 

@@ -96,7 +96,6 @@ def tune_command(
 
 
 def _recorded_configuration(path: Path) -> Configuration:
-    """Return the configuration inside a recording."""
     return load_recorded(read_recording(path).header.recorded_configuration, path)
 
 

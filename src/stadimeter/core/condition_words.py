@@ -284,7 +284,6 @@ def _measured_words(part: JudgedLeaf, inputs: RuleInputs, named: str, *, with_pr
 
 
 def _unread_words(leaf: Leaf, inputs: RuleInputs, named: str) -> str:
-    """Say why there is no figure."""
     tracks = [inputs.tracks[target] for target in leaf.targets_named]
     approach = approach_of(tracks[0]) if isinstance(leaf, TimeToContactCondition) else None
     if isinstance(leaf, TimeToContactCondition) and approach is not None:

@@ -143,7 +143,6 @@ def _parse_limit(limit: str, text: str) -> tuple[int, int, int]:
 
 
 def _hsv(image: Image) -> cv2.typing.MatLike:
-    """Return hue, saturation and value of each pixel."""
     if image.size > 3 * FEW_PIXELS:
         return cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
     return cv2.cvtColor(image.reshape(1, -1, 3), cv2.COLOR_BGR2HSV).reshape(image.shape)

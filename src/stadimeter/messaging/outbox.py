@@ -331,7 +331,6 @@ def _paged(topics: Iterable[str], room_bytes: int) -> list[str]:
 
 
 def _entries_of(page: str) -> Iterator[str]:
-    """Yield what a page lists."""
     try:
         found = json.loads(page)
     except (ValueError, RecursionError):

@@ -125,7 +125,6 @@ def fit_view_motion(
 
 
 def _rotation_matrix(x_rad: float, y_rad: float, z_rad: float) -> NDArray[np.float64]:
-    """Return the matrix of a rotation vector."""
     return np.asarray(cv2.Rodrigues(np.array([x_rad, y_rad, z_rad]))[0], np.float64)
 
 

@@ -162,7 +162,6 @@ class Access:
         )
 
     def _session(self, passwords: Passwords, headers: Headers) -> Session | None:
-        """Return the session of a browser; None without one that goes on."""
         # Not that of `http.cookies`, which reads none where one of another program on this computer is odd to it.
         cookie = cookie_parser(headers.get("cookie", "")).get(self._cookie, "")
         told, _, signature = cookie.rpartition(".")

@@ -1,1 +1,1 @@
-"""Work at a desk: replays, rule tests, tuning, calibration, measuring pictures, benchmarks. Never loaded by `run`."""
+"""Work at a desk: replays, rule tests, tuning, calibration, measuring pictures, doctor. Never loaded by `run`."""

@@ -1,1 +1,1 @@
-"""The life of an alarm: its phases, its timers, and what it does in each."""
+"""The life of an alarm: its states, its timers, and what it does in each."""

@@ -257,7 +257,6 @@ def _miss(state: TrackState, measurement: Measurement, settings: Tracking) -> Tr
 
 
 def _consider(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackState:
-    """Take in a sighting of a target that is not confirmed."""
     found = extend_tentative(state.candidate, sighting, _noise_m(state, sighting, settings), settings)
     if found.is_confirmed(settings.confirm_frames):
         return _begin(state, found, settings)

@@ -201,7 +201,6 @@ def _oblong_px(limb: Limb) -> float:
 
 
 def _fit_limb(edges: LimbEdges, circle: ImageCircle, lens: CameraModel) -> Limb | None:
-    """Return the limb through most of the steps."""
     count = edges.places.shape[1]
     if count < MIN_RAYS:
         return None

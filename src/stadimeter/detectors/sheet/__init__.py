@@ -245,7 +245,6 @@ class SheetDetector:
 
 
 def _others_text(findings: Findings) -> str:
-    """Say that there are several sheets, if there are."""
     twin = findings.twin
     return "" if twin is None else f"several fit alike; another one is {twin.where}"
 

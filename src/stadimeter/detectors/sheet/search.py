@@ -206,7 +206,6 @@ class SheetSearch:
     def _judge(
         self, findings: Findings, outlines: Points, scale: float, expected: Prediction | None, looks: Looks
     ) -> None:
-        """Put the candidates through all tests."""
         shaped = self._of_the_shape(findings, outlines)
         # A single outline is measured before it is compared with the sheet: it will be compared again once it is.
         edges = self._at_once(shaped, scale) if len(shaped) == 1 else None

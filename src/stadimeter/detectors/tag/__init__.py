@@ -385,7 +385,6 @@ def _without_bias(corners: Points, sides: TagSides, edge_bias_px: float) -> Poin
 
 
 def _size_sigma_px(sides: TagSides, cell_px: float, *, compressed: bool) -> float:
-    """Return the standard deviation of a side's length."""
     # The mean variance of the four lines, in px^2; see the constants above for the other terms.
     variances_px2 = [
         scatter**2 / max(steps, 1) for scatter, steps in zip(sides.lines.scatter_px, sides.lines.steps, strict=True)

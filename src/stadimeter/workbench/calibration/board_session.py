@@ -384,6 +384,5 @@ def _in_window(grey: Grey, grid: NDArray[Any], half_px: float) -> Corners:
 
 
 def _smallest_spacing_px(grid: NDArray[Any]) -> float:
-    """Return the least distance between neighbours."""
     steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2) for axis in (0, 1)]
     return float(min(step.min() for step in steps))

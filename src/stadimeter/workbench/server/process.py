@@ -69,7 +69,6 @@ def _lines(desk: Desk, requests: BinaryIO, rest_after_s: float) -> Iterator[byte
 
 
 def _answer_request(desk: Desk, line: bytes) -> bytes:
-    """Return the answer to a request, as it is sent."""
     transaction: Any = None
     try:
         transaction, name, args = _request(line)

@@ -90,7 +90,6 @@ def moment(desk: Desk, at: float) -> dict[str, Any]:
 
 
 def _target(name: str, distance_m: float | None, sigma_m: float | None) -> dict[str, Any]:
-    """Return a target by the names of a recording's moment."""
     is_valid = distance_m is not None
     status = "" if is_valid else "not measured"
     return {"name": name, "is_valid": is_valid, "status": status, "distance_m": distance_m, "sigma_m": sigma_m}

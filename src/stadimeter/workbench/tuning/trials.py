@@ -192,7 +192,6 @@ class Trials:
         }
 
     def _frames(self, count: int) -> tuple[Floats, Floats]:
-        """Return the times and the errors of some frames."""
         calm, steps_s, errors, had = self._noise.calm, [], [], 0
         while had < count:
             stretch = calm[self._random.integers(len(calm))]
