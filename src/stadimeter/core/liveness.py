@@ -8,7 +8,7 @@ The flow that is expected at least, in pixels, is that of a turn, or of a drive 
 ``f · Δψ`` or ``x · Δs / Z``. The picture stands still, for one frame, if the measured flow is below `STILL_SHARE` of
 this. How sure that is, in standard deviations, is added up over the frames (E. S. Page, "Continuous inspection
 schemes", 1954); a frame that flows takes off as much. Below `MIN_FLOW_PX` nothing is claimed. In rooms too plain for
-this, the target is the second line: see `target_innovation`.
+this, the target is the second line: see `TargetInnovation`.
 
 With a picture that is found to stand still, everything stops until the run is armed again: the camera is frozen, or the
 robot pushes against something while its wheels slip; neither is a reason to drive on.

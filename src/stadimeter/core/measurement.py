@@ -131,7 +131,7 @@ class Track(Struct, frozen=True, kw_only=True):
         reason: Why it is not tracked, why the newest measurement was refused, or a remark on it.
         since_s: Since when it has been in sight, or out of sight, without a break; None before the first cycle.
         closing_cov_m2ps: Covariance of the distance and the speed of approach; None until the target was seen.
-        noise_factor: How many times larger than stated its noise was found to be; see `core.tracking.noise_level`.
+        noise_factor: How many times larger than stated its noise was found to be; see `core.tracking.motion`.
     """
 
     target: str
