@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.cycle_json import CycleEncoder
-from stadimeter.app.recordings.journal import JournalWriter, read_journal
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.journal import CycleEncoder, JournalWriter, RecordedConfiguration, read_journal
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.detection import RejectedCandidate
@@ -308,7 +306,7 @@ from pathlib import Path
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.journal import RecordedConfiguration
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
 from stadimeter.errors import JournalError

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.control.last_recording import LastRecording, last_folder
-from stadimeter.app.control.recording import delete_old
+from stadimeter.app.control.recording import LastRecording, delete_old, last_folder
 from stadimeter.app.control.reloading import needs_restart
 from stadimeter.app.control.socket_server import Asked
 from stadimeter.app.cycle import CycleRecord

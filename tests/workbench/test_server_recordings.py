@@ -14,8 +14,7 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration
 from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.command import LevelCommand

@@ -14,10 +14,9 @@ import pytest
 from stadimeter.app.control.client import ask as ask_run
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.event_log import EventLog
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.journal import RecordedConfiguration
 from stadimeter.app.recordings.recording import Recorded, RecordingWriter
-from stadimeter.app.timeline.keeper import TimelineKeeper
-from stadimeter.app.timeline.rows import event_log_beside
+from stadimeter.app.timeline import TimelineKeeper, event_log_beside
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity

@@ -24,9 +24,8 @@ import numpy as np
 from msgspec import Struct, field
 
 from stadimeter.app.control.calibrating import calibrate_on_request
-from stadimeter.app.control.last_recording import keep_last
 from stadimeter.app.control.messages import FrameArgs, Reply, SubscribeArgs, WorldArgs
-from stadimeter.app.control.recording import RecordingOnRequest
+from stadimeter.app.control.recording import RecordingOnRequest, keep_last
 from stadimeter.app.control.reloading import Reloader, Restarter, build_parts
 from stadimeter.app.control.requests import Act, Control, Requests
 from stadimeter.app.control.socket_server import Answer

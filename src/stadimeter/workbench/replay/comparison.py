@@ -10,7 +10,7 @@ from typing import Any, Literal
 from msgspec import Struct, field
 
 from stadimeter.app.exact_json import plain
-from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle
+from stadimeter.app.recordings.journal import CycleEncoder, RecordedCycle
 from stadimeter.core.decision import Decision, Event
 from stadimeter.core.observation import Observation
 from stadimeter.workbench.replay.replay_figures import RuleFigures, Tally

@@ -13,8 +13,7 @@ from pathlib import Path
 
 from msgspec import Struct, field
 
-from stadimeter.app.recordings.cycle_json import RecordedCycle
-from stadimeter.app.recordings.journal import readable
+from stadimeter.app.recordings.journal import RecordedCycle, readable
 from stadimeter.app.recordings.record_file import MAGIC
 from stadimeter.app.recordings.recording import ANNOTATIONS, CYCLES, IMAGES
 from stadimeter.config.untrusted_file import CHUNK_MAX_BYTES

@@ -15,10 +15,15 @@ from zlib import crc32
 
 from msgspec import Struct
 
-from stadimeter.app.recordings.cycle_json import RecordedCycle, reload_of
-from stadimeter.app.recordings.journal import JournalHeader, readable
+from stadimeter.app.recordings.journal import (
+    FILE_NAME,
+    JournalHeader,
+    RecordedConfiguration,
+    RecordedCycle,
+    readable,
+    reload_of,
+)
 from stadimeter.app.recordings.record_file import HEAD_BYTES, LIBRARY, MAGIC, writer_of
-from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration
 from stadimeter.app.recordings.recording import (
     CAMERA_FILE,
     CLIP_OF,

@@ -15,7 +15,7 @@ from stadimeter.app.live.history import Seen
 from stadimeter.app.live.pictures import Pictures
 from stadimeter.app.live.snapshot import RunSnapshot
 from stadimeter.app.live.snapshot_json import ReasonsInTurn, shared_json
-from stadimeter.app.recordings.recorded_configuration import load_recorded
+from stadimeter.app.recordings.journal import load_recorded
 from stadimeter.core.detection import Detection, DetectionStatus, Points
 from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, JournalError

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from msgspec import to_builtins
 
-from stadimeter.app.event_log import ENDING, log_files
-from stadimeter.app.logged_events import read_events
-from stadimeter.app.timeline.rows import (
+from stadimeter.app.event_log import ENDING, log_files, read_events
+from stadimeter.app.timeline import (
     FIGURES,
     HIGH,
     LOW,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.app.control.client import HELLO_WAIT_S, ask
-from stadimeter.app.control.last_recording import FOLDER as LAST
+from stadimeter.app.control.recording import LAST
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.alarms.settings import thresholds_of
 from stadimeter.core.conditions.compounds import leaves
