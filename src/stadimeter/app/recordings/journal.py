@@ -17,9 +17,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
-from msgspec import Struct, field
+from msgspec import Raw, Struct, field
 from msgspec.json import schema
 from msgspec.structs import replace
 from pydantic_core import from_json
@@ -44,6 +44,8 @@ from stadimeter.core.decision import Decision, Event, RuleTrace
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import Observation
 from stadimeter.errors import ConfigError, JournalError, Problem, UnreadableError
+
+_T = TypeVar("_T")
 
 FILE_NAME = "configuration.toml"
 
@@ -87,19 +89,9 @@ def _camera_files(configuration: Configuration) -> dict[str, str]:
     return texts
 
 
-# Stands for the rules of a decision that are those of the cycle before.
+# Stands for the rules of a decision that are those of the cycle before, which are last in it.
 AS_BEFORE = b'"as before"'
-
-# The frame comes second in an observation, after one number.
-_NO_EVENTS = b'"events":[],'
-_NO_FRAME = b'"frame":null,'
-_FRAME_BEFORE = 80
-
-_OPENING = b'{"observation":'
-_TIME_BEGINS = len(_OPENING + b'{"now_s":')
-_APPLIED = b',"applied":'
-_DECISION = b',"decision":'
-_RULES_KEY = b',"rules":'
+_RULES_ARE = b',"rules":'
 
 # What older recordings call the inhibits of a rule. No text holds these bytes: in one, quotes are escaped.
 _GATES, _INHIBITS = b',"gates":[', b',"inhibits":['
@@ -163,17 +155,18 @@ class CycleEncoder:
 
     def encode(self, record: CycleRecord) -> bytes:
         """Write a cycle."""
-        is_as_before = record.decision.rules is self._rules
-        rules = AS_BEFORE if is_as_before and not self._repeats_rules else self.rules_json(record.decision.rules)
         parts = encode({name: getattr(record, name) for name in _PARTS})
-        return parts[: -len(b"}")] + _DECISION + self.decision_json(record.decision) + _RULES_KEY + rules + b"}}"
+        return parts[: -len(b"}")] + b',"decision":' + self.encode_decision(record.decision) + b"}"
 
-    def decision_json(self, decision: Decision) -> bytes:
-        """Write a decision without its rules, and without the brace that closes it."""
-        return encode({name: getattr(decision, name) for name in _DECIDED})[: -len(b"}")]
+    def encode_decision(self, decision: Decision) -> bytes:
+        """Write a decision; what rules did, and did in the cycle before, is not made again."""
+        rules = AS_BEFORE
+        if decision.rules is not self._rules or self._repeats_rules:
+            rules = self._encode_rules(decision.rules)
+        decided = encode({name: getattr(decision, name) for name in _DECIDED})
+        return decided[: -len(b"}")] + _RULES_ARE + rules + b"}"
 
-    def rules_json(self, rules: tuple[RuleTrace, ...]) -> bytes:
-        """Write what rules did; what did not change since the last time is not made again."""
+    def _encode_rules(self, rules: tuple[RuleTrace, ...]) -> bytes:
         if rules is not self._rules:
             # Of a hundred rules a few change at a time, and those that did not are the same objects: an identity
             # stands for one object while that object is held, which the table does until the next change.
@@ -185,31 +178,55 @@ class CycleEncoder:
         return self._rules_json
 
 
+class _When(Struct, frozen=True):
+    """The parts of an observation that tell when it was."""
+
+    now_s: float
+    frame: Raw
+
+
+class _Decided(Struct, frozen=True):
+    events: tuple[Event, ...]
+    rules: Raw
+
+
+class _Parts(Struct, frozen=True):
+    observation: Raw
+    decision: Raw
+
+
 class RecordedCycle:
-    """One cycle of a recording, read as far as it is asked for.
+    """One cycle of a recording, read as far as it is asked for. A part that is damaged raises `JournalError`.
+
+    Args:
+        before: The cycle before, for one whose rules are those of that.
 
     Attributes:
-        rules_json: The JSON of its rules.
         reloaded: The configuration that was reloaded right before it.
     """
 
-    __slots__ = ("_line", "_place", "reloaded", "rules_json")
+    __slots__ = ("_line", "_parts", "_place", "_rules", "reloaded")
 
     def __init__(
-        self, line: bytes, rules_before: bytes, place: str, reloaded: RecordedConfiguration | None = None
+        self,
+        line: bytes,
+        place: str,
+        reloaded: RecordedConfiguration | None = None,
+        before: RecordedCycle | None = None,
     ) -> None:
         self.reloaded = reloaded
-        self._line = line.rstrip()
         self._place = place
-        rules = self._line[self._line.rfind(_RULES_KEY) + len(_RULES_KEY) : -len(b"}}")]
-        self.rules_json = rules_before if rules == AS_BEFORE else rules.replace(_GATES, _INHIBITS)
+        self._parts: _Parts | None = None
+        self._rules: bytes | None = None
+        if AS_BEFORE in line:
+            self._rules = before.rules_json() if before else b"[]"
+            self._line = line.replace(_RULES_ARE + AS_BEFORE, _RULES_ARE + self._rules)
+        else:
+            self._line = line.replace(_GATES, _INHIBITS)
 
     def observation(self) -> Observation:
-        """Return the observation of the cycle. Like every part, it raises `JournalError` if the cycle is damaged."""
-        try:
-            observation = decode(self._line[len(_OPENING) : self._line.find(_APPLIED)], Observation)
-        except ValueError:
-            observation = self.record().observation  # which names what is wrong, or knows another order of the parts
+        """Return the observation of the cycle."""
+        observation = self._read(self._part("observation"), Observation)
         captured_s = [measured.captured_at_s for measured in observation.measurements]
         if observation.frame is not None:
             captured_s.append(observation.frame.captured_at_s)
@@ -219,36 +236,43 @@ class RecordedCycle:
         return observation
 
     def now_s(self) -> float:
-        """Return its time on the run's clock, which comes first in it."""
-        try:
-            return float(self._line[_TIME_BEGINS : self._line.find(b",", _TIME_BEGINS)])
-        except ValueError:
-            return self.observation().now_s
+        """Return its time on the run's clock."""
+        return self._read(self._part("observation"), _When).now_s
 
     def has_frame(self) -> bool:
         """Check whether a frame was new in it."""
-        return self._line.find(_NO_FRAME, 0, _FRAME_BEFORE) < 0
+        return bytes(self._read(self._part("observation"), _When).frame) != b"null"
 
     def events(self) -> tuple[Event, ...]:
         """Return the recorded events."""
-        return () if _NO_EVENTS in self._line else self.record().decision.events
+        return self._read(self._part("decision"), _Decided).events
+
+    def rules_json(self) -> bytes:
+        """Return the JSON of its rules."""
+        if self._rules is None:
+            self._rules = bytes(self._read(self._part("decision"), _Decided).rules)
+        return self._rules
 
     def decision_json(self) -> bytes:
-        """Return the JSON of the decision without its rules and without the brace that closes it."""
-        begin = self._line.find(_DECISION) + len(_DECISION)
-        return self._line[begin : self._line.rfind(_RULES_KEY)]
+        """Return the JSON of the decision."""
+        return bytes(self._part("decision"))
 
     def record(self) -> CycleRecord:
         """Return the whole cycle."""
-        head, key, _ = self._line.rpartition(_RULES_KEY)
-        whole = head + key + self.rules_json + b"}}" if key else self._line
+        return self._read(self._line, CycleRecord)
+
+    def _part(self, name: str) -> Raw:
+        if self._parts is None:
+            self._parts = self._read(self._line, _Parts)
+        found: Raw = getattr(self._parts, name)
+        return found
+
+    def _read(self, text: bytes | Raw, kind: type[_T]) -> _T:
         try:
-            return decode(whole, CycleRecord)
+            return decode(text, kind)
         except ValueError as error:
             raise JournalError(f"{self._place}: not a cycle of a recording: {error}") from error
 
-
-__all__ = ["FORMAT", "Journal", "JournalHeader", "JournalWriter", "read_journal"]
 
 FORMAT = 2
 
@@ -347,8 +371,7 @@ class Journal(Struct, frozen=True, kw_only=True):
         with readable(self.path) as file:
             lines = lines_of(file)
             next(lines, b"")
-            rules = b"[]"
-            reloaded = None
+            reloaded = cycle = None
             for number, line in enumerate(lines, start=2):
                 if not line.endswith(b"\n"):
                     return
@@ -356,8 +379,7 @@ class Journal(Struct, frozen=True, kw_only=True):
                 if taken_over := reload_of(line, place):
                     reloaded = taken_over
                     continue
-                cycle = RecordedCycle(line, rules, place, reloaded)
-                rules, reloaded = cycle.rules_json, None
+                cycle, reloaded = RecordedCycle(line, place, reloaded, before=cycle), None
                 yield cycle
 
     def is_cut_off(self) -> bool:

@@ -140,7 +140,7 @@ class RecordingIndex(Struct, kw_only=True):
             elif topic == ANNOTATIONS:
                 annotations = message.data
             elif topic == CYCLES:
-                cycle = RecordedCycle(message.data, b"[]", place)
+                cycle = RecordedCycle(message.data, place)
                 entries.append(_Entry(message.log_time, cycle, image, annotations))
                 image, annotations = None, b""
         return entries

@@ -120,7 +120,6 @@ class McapRecording(Struct, frozen=True, kw_only=True):
             return size < 2 * len(MAGIC) or file.read() != MAGIC
 
     def _cycles(self, *, with_images: bool) -> Iterator[tuple[RecordedCycle, RecordedImage | None]]:
-        rules = b"[]"
         image: RecordedImage | None = None
         reloaded: RecordedConfiguration | None = None
         for topic, sequence, data in _messages(
@@ -131,9 +130,9 @@ class McapRecording(Struct, frozen=True, kw_only=True):
             elif topic == CONFIGURATION:
                 reloaded = reload_of(data, f"{self.path}, before cycle {sequence}")
             else:
-                cycle = RecordedCycle(data, rules, f"{self.path}, cycle {sequence}", reloaded)
+                cycle = RecordedCycle(data, f"{self.path}, cycle {sequence}", reloaded)
                 yield cycle, image
-                rules, image, reloaded = cycle.rules_json, None, None
+                image, reloaded = None, None
 
 
 def read_mcap(path: Path) -> McapRecording:
