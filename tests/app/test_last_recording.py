@@ -51,7 +51,7 @@ def run_room(folder: Path, frames: int) -> tuple[Path, list[str]]:
     loop.services.tell = told.append
 
     def wait(_record: CycleRecord, _frame: Frame | None) -> None:
-        opening = [each._recording for each in loop.listeners if isinstance(each, LastRecording)]
+        opening = [each for each in loop.listeners if isinstance(each, LastRecording)]
         assert eventually(lambda: not any(each._is_beginning for each in opening))
 
     with attend_to_requests(loop, NoRequests()):
