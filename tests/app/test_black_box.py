@@ -13,13 +13,12 @@ import numpy as np
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.control.black_box import LONGER_MAX_S, BlackBox
+from stadimeter.app.control import black_box as black_box_module
+from stadimeter.app.control.black_box import LONGER_MAX_S, BlackBox, BlackBoxMemory
 from stadimeter.app.control.messages import OutputsArgs, Reply
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.recordings import black_box as black_box_module
-from stadimeter.app.recordings.black_box import BlackBoxMemory
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.journal import RecordedConfiguration
 from stadimeter.app.recordings.recording import Recorded
 from stadimeter.cli.run_services import open_black_box
 from stadimeter.config.loader import load_configuration

@@ -9,8 +9,7 @@ import pytest
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.panel import OPEN_AGAIN_S, PERIOD_S, STUCK_S, UNSEEN_S, Presses, PushButton
-from stadimeter.app.recordings.journal import JournalWriter, read_journal
-from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+from stadimeter.app.recordings.journal import JournalWriter, read_journal, to_be_recorded
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.models import ButtonTable
 from stadimeter.config.plugins import BUTTONS, DriverContext, load_driver

@@ -14,8 +14,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.live.health import Board, live_health
 from stadimeter.app.loop import Loop
 from stadimeter.app.pose_reports import PoseReports
-from stadimeter.app.recordings.journal import JournalWriter, read_journal
-from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+from stadimeter.app.recordings.journal import JournalWriter, read_journal, to_be_recorded
 from stadimeter.cli.main import app
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_pose import CameraPose

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.cycle_json import CycleEncoder
-from stadimeter.app.recordings.journal import JournalWriter, read_journal
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.journal import CycleEncoder, JournalWriter, RecordedConfiguration, read_journal
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import FrameStamp, Observation
@@ -308,7 +307,7 @@ from pathlib import Path
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.journal import RecordedConfiguration
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
 from stadimeter.errors import JournalError
@@ -342,8 +341,11 @@ def test_a_disk_that_fills_up_leaves_a_journal_of_whole_lines(tmp_path):
 def test_rules_are_written_the_same_whether_they_were_written_before_or_not(orders):
     traces = {name: RuleTrace(rule=name, status=RuleStatus.IDLE) for name in "abcde"}
     encoder = CycleEncoder(repeats_rules=True)
+    _, decided = decide(initial_state(PLAN), Observation(now_s=1.0))
     for order in orders:
         traces["a"] = replace(traces["a"])  # equal, and another object
         rules = tuple(traces[name] for name in order)
-        assert encoder.rules_json(rules) == CycleEncoder(repeats_rules=True).rules_json(rules)
-        assert [rule["rule"] for rule in json.loads(encoder.rules_json(rules))] == order
+        decision = replace(decided, rules=rules)
+        written = encoder.encode_decision(decision)
+        assert written == CycleEncoder(repeats_rules=True).encode_decision(decision)
+        assert [rule["rule"] for rule in json.loads(written)["rules"]] == order

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.control.last_recording import LastRecording, last_folder
-from stadimeter.app.control.recording import delete_old
+from stadimeter.app.control.recording import LastRecording, delete_old, last_folder
 from stadimeter.app.control.reloading import needs_restart
 from stadimeter.app.control.socket_server import Asked
 from stadimeter.app.cycle import CycleRecord
@@ -52,7 +51,7 @@ def run_room(folder: Path, frames: int) -> tuple[Path, list[str]]:
     loop.services.tell = told.append
 
     def wait(_record: CycleRecord, _frame: Frame | None) -> None:
-        opening = [each._recording for each in loop.listeners if isinstance(each, LastRecording)]
+        opening = [each for each in loop.listeners if isinstance(each, LastRecording)]
         assert eventually(lambda: not any(each._is_beginning for each in opening))
 
     with attend_to_requests(loop, NoRequests()):

@@ -9,7 +9,7 @@ import pytest
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.ending import Deadline
 from stadimeter.app.recordings import recorder as recorder_module
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.journal import RecordedConfiguration
 from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import Observation

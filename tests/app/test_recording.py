@@ -17,8 +17,7 @@ from msgspec.structs import replace
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings import recording as recording_module
-from stadimeter.app.recordings.cycle_json import cycle_schema
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.journal import RecordedConfiguration, cycle_schema
 from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter
 from stadimeter.app.recordings.recording_messages import SCHEMAS, plain
 from stadimeter.core.camera_model import CameraModel

@@ -13,8 +13,7 @@ from stadimeter.app.capture import QUIET_S, Capture, SecondCapture
 from stadimeter.app.clock import SteppedClock
 from stadimeter.app.control.reloading import needs_restart
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.recordings.journal import JournalWriter, read_journal
-from stadimeter.app.recordings.recorded_configuration import load_recorded, to_be_recorded
+from stadimeter.app.recordings.journal import JournalWriter, load_recorded, read_journal, to_be_recorded
 from stadimeter.core.decision import EventKind
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import MeasurementStatus

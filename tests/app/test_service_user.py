@@ -13,8 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from stadimeter.app import this_computer
-from stadimeter.app.persistence.alarm_store import AlarmStore
-from stadimeter.app.persistence.kept_thresholds import describe_kept
+from stadimeter.app.persistence.alarm_store import AlarmStore, describe_kept
 from stadimeter.app.persistence.resumption import ClockReading, Memory
 from stadimeter.cli.check import SERVICE_USER
 from stadimeter.cli.main import app

@@ -102,8 +102,7 @@ def test_a_run_without_such_a_rule_never_looks_at_the_clock(tmp_path):
 def test_what_was_taken_over_is_recorded_so_that_a_replay_begins_with_it_too(tmp_path):
     from typer.testing import CliRunner
 
-    from stadimeter.app.recordings.journal import JournalWriter
-    from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+    from stadimeter.app.recordings.journal import JournalWriter, to_be_recorded
     from stadimeter.app.recordings.recorder import Recorder
     from stadimeter.cli.main import app
 

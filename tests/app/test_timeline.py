@@ -14,9 +14,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.app.timeline import keeper
-from stadimeter.app.timeline.keeper import CYCLES_MAX, TimelineKeeper
-from stadimeter.app.timeline.rows import HIGH, LEVELS_S, LOW, MEAN, SEEN, STATES, Names, merge_rows, read_rows
+from stadimeter.app import timeline
+from stadimeter.app.timeline import (
+    CYCLES_MAX,
+    HIGH,
+    LEVELS_S,
+    LOW,
+    MEAN,
+    SEEN,
+    STATES,
+    Names,
+    TimelineKeeper,
+    merge_rows,
+    read_rows,
+)
 from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.measurement import Track, TrackStatus
 
@@ -86,13 +97,13 @@ def test_what_is_not_seen_has_no_figures(rig):
 
 def test_the_loop_writes_nothing_and_the_thread_once_a_minute(rig, monkeypatch):
     writes: list[str] = []
-    append = keeper.append_whole
+    append = timeline.append_whole
 
     def note(path: Path, data: bytes, *, is_lasting: bool) -> None:
         writes.append(path.suffix)
         append(path, data, is_lasting=is_lasting)
 
-    monkeypatch.setattr(keeper, "append_whole", note)
+    monkeypatch.setattr(timeline, "append_whole", note)
     rig.see(1.0)
     assert not rig.folder.exists()
     for number in range(1199):
@@ -161,31 +172,31 @@ def test_another_target_a_new_day_or_a_clock_that_is_set_back_begins_a_segment(r
 
 
 def test_a_full_disk_is_said_and_what_it_did_not_take_is_written_later(rig, monkeypatch):
-    append = keeper.append_whole
+    append = timeline.append_whole
 
     def refuse(path: Path, _data: bytes, **_: bool) -> None:
         raise OSError(errno.ENOSPC, "No space left on device", path)
 
-    monkeypatch.setattr(keeper, "append_whole", refuse)
+    monkeypatch.setattr(timeline, "append_whole", refuse)
     for _ in range(100):
         rig.see(1.0, for_s=1.0)
         rig.keeper.step()
     assert "No space left" in rig.keeper.trouble()
-    monkeypatch.setattr(keeper, "append_whole", append)
+    monkeypatch.setattr(timeline, "append_whole", append)
     rig.keeper.close()
     assert rig.keeper.trouble() == ""
     assert len(rig.rows()) == 100
 
 
 def test_a_disk_that_is_full_between_two_levels_costs_no_peak(rig, monkeypatch):
-    append, count = keeper.append_whole, itertools.count()
+    append, count = timeline.append_whole, itertools.count()
 
     def refuse_some(path: Path, data: bytes, *, is_lasting: bool) -> None:
         if path.suffix == ".60" and next(count) < 2:
             raise OSError(errno.ENOSPC, "No space left on device", path)
         append(path, data, is_lasting=is_lasting)
 
-    monkeypatch.setattr(keeper, "append_whole", refuse_some)
+    monkeypatch.setattr(timeline, "append_whole", refuse_some)
     for second in range(3000):
         rig.see(0.3 if second % 700 == 50 else 2.0, for_s=1.0)
         rig.keeper.step()

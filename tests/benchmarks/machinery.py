@@ -27,8 +27,7 @@ from msgspec import Struct
 from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+from stadimeter.app.recordings.journal import JournalWriter, to_be_recorded
 from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decide import decide, initial_state

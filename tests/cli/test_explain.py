@@ -7,8 +7,7 @@ import pytest
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration
 from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.cli.explain import seconds_ago, seconds_since_the_beginning
 from stadimeter.config.loader import load_configuration

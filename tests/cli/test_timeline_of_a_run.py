@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stadimeter.app.logged_events import read_events
-from stadimeter.app.timeline.rows import MEAN, event_log_beside, read_rows
+from stadimeter.app.event_log import read_events
+from stadimeter.app.timeline import MEAN, event_log_beside, read_rows
 from stadimeter.testing.rig import eventually
 from support.simulated_run import SIMULATED_BALL
 

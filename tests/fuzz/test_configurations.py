@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.feasibility import feasibility_warnings
-from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+from stadimeter.app.recordings.journal import to_be_recorded
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import load_camera_choice, load_configuration

@@ -14,8 +14,7 @@ import pytest
 import zstandard
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, load_recorded
+from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration, load_recorded
 from stadimeter.app.recordings.recording import Recorded, RecordingWriter
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel

@@ -16,8 +16,7 @@ import pytest
 from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+from stadimeter.app.recordings.journal import JournalWriter, to_be_recorded
 from stadimeter.cli.run_control import open_control_socket
 from stadimeter.config.loader import load_configuration
 from support.command_line import typed

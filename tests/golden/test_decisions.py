@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+from stadimeter.app.recordings.journal import JournalWriter, to_be_recorded
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Decision

@@ -5,8 +5,7 @@ import pytest
 from stadimeter.app.bootstrap import build
 from stadimeter.app.leased_output import LeasedOutput
 from stadimeter.app.loop import Loop
-from stadimeter.app.recordings.journal import JournalWriter, read_journal
-from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+from stadimeter.app.recordings.journal import JournalWriter, read_journal, to_be_recorded
 from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.outputs import safe_command

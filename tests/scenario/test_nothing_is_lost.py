@@ -133,7 +133,6 @@ def named(payload):
 
 
 @pytest.mark.long
-@pytest.mark.timeout(120)
 @pytest.mark.parametrize("number", range(KILLS))
 def test_alarms_from_before_a_sudden_end_without_a_broker_arrive_with_their_own_time(site, number):
     chance = random.Random(number)  # noqa: S311 - the same moments each time

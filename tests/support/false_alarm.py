@@ -9,9 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+from stadimeter.app.recordings.journal import to_be_recorded
 from stadimeter.app.recordings.recording import Recorded, RecordingWriter
-from stadimeter.app.timeline.keeper import TimelineKeeper
+from stadimeter.app.timeline import TimelineKeeper
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.decision import Decision

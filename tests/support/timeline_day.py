@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stadimeter.app.timeline.rows import LEVELS_S, STATES, Names, merge_rows
+from stadimeter.app.timeline import LEVELS_S, STATES, Names, merge_rows
 from stadimeter.core.decision import RuleStatus
 
 DAY_S = 86400

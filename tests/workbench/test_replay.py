@@ -7,8 +7,7 @@ from msgspec.structs import replace
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.persistence.resumption import ClockReading, Memory, resume, state_text
-from stadimeter.app.recordings.journal import JournalWriter, read_journal
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration, read_journal
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.persistence import snapshot_alarms

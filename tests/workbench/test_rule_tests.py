@@ -10,8 +10,7 @@ import pytest
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.recordings.journal import JournalWriter, read_journal
-from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+from stadimeter.app.recordings.journal import JournalWriter, read_journal, to_be_recorded
 from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.workbench.rule_tests.inputs import sensor_models

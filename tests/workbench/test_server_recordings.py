@@ -14,8 +14,7 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration
 from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.command import LevelCommand
@@ -27,7 +26,7 @@ from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import JournalError, NotThereError
 from stadimeter.ranging.ball import BallShape
-from stadimeter.workbench.replay.recording_index import read_index
+from stadimeter.workbench.replay.recording_reader import read_index
 from stadimeter.workbench.server.operations import Desk, find_operation
 from support.observing import Rehearsal
 
@@ -148,8 +147,8 @@ def test_a_frame_of_a_recording_has_what_was_measured_drawn_in_and_its_values(de
         Frame(np.full((48, 64, 3), 90, np.uint8), 0.0, 0),
     )
     writer.close()
-    drawn = find_operation("recorded_frame.recording_frame")(desk, {"name": "a.mcap", "at_s": 0})
-    plain = find_operation("recorded_frame.recording_frame")(desk, {"name": "a.mcap", "at_s": 0, "draw": "plain"})
+    drawn = find_operation("recordings.recording_frame")(desk, {"name": "a.mcap", "at_s": 0})
+    plain = find_operation("recordings.recording_frame")(desk, {"name": "a.mcap", "at_s": 0, "draw": "plain"})
     images = [cv2.imdecode(np.frombuffer(each.attached, np.uint8), cv2.IMREAD_COLOR) for each in (drawn, plain)]
     assert all(image is not None and image.shape == (48, 64, 3) for image in images)
     change = np.abs(images[0].astype(int) - images[1].astype(int)).max(axis=2)
@@ -170,7 +169,7 @@ def test_a_frame_of_a_recording_has_what_was_measured_drawn_in_and_its_values(de
 def test_a_journal_has_no_pictures_and_says_so(desk: Desk, folder: Path) -> None:
     record(folder / "b.jsonl", 3)
     with pytest.raises(JournalError, match="has no pictures"):
-        ask(desk, "recorded_frame.recording_frame", name="b.jsonl", at_s=0)
+        ask(desk, "recordings.recording_frame", name="b.jsonl", at_s=0)
 
 
 def test_no_folder_of_recordings_is_an_empty_list(desk: Desk) -> None:
@@ -184,7 +183,7 @@ def test_no_name_leads_out_of_the_folder(desk: Desk, folder: Path, name: str) ->
     record(folder / "a.mcap")
     record(folder.parent / "secret.mcap", 3)
     (folder / "link.mcap").symlink_to(folder.parent / "secret.mcap")
-    for op in ("recordings.recording", "recorded_frame.recording_frame", "recordings.delete"):
+    for op in ("recordings.recording", "recordings.recording_frame", "recordings.delete"):
         with pytest.raises(NotThereError):
             ask(desk, op, name=name)
     assert (folder.parent / "secret.mcap").exists()

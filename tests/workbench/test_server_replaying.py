@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+from stadimeter.app.recordings.journal import JournalWriter, to_be_recorded
 from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decision import Decision

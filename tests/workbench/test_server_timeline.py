@@ -14,17 +14,16 @@ import pytest
 from stadimeter.app.control.client import ask as ask_run
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.event_log import EventLog
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.journal import RecordedConfiguration
 from stadimeter.app.recordings.recording import Recorded, RecordingWriter
-from stadimeter.app.timeline.keeper import TimelineKeeper
-from stadimeter.app.timeline.rows import event_log_beside
+from stadimeter.app.timeline import TimelineKeeper, event_log_beside
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.observation import Observation
 from stadimeter.errors import ConfigError
-from stadimeter.workbench.server import timeline_moment
+from stadimeter.workbench.server import timeline
 from stadimeter.workbench.server.operations import Desk, find_operation
 from support.observing import Rehearsal
 from support.simulated_run import SIMULATED_BALL
@@ -121,17 +120,17 @@ def test_events_come_from_the_event_log(desk: Desk, folder: Path, is_service: bo
 
 
 def test_thresholds_have_the_names_by_which_they_are_set(desk: Desk) -> None:
-    assert ask(desk, "timeline_moment.marks", from_=0, to=60)["thresholds"] == [
+    assert ask(desk, "timeline.marks", from_=0, to=60)["thresholds"] == [
         {"rule": "near", "target": "ball", "key": "below", "value_m": 1.0},
         {"rule": "far", "target": "ball", "key": "ramp", "value_m": 2.5},
     ]
     desk.configuration.write_text("broken")
-    assert ask(desk, "timeline_moment.marks", from_=0, to=60)["thresholds"] == []
+    assert ask(desk, "timeline.marks", from_=0, to=60)["thresholds"] == []
 
 
 def test_a_moment_that_no_recording_holds_is_told_by_the_timeline(desk: Desk, folder: Path) -> None:
     keep(folder, [2.0, 0.5])
-    found = ask(desk, "timeline_moment.moment", at=BEGAN_S + 1.4)
+    found = ask(desk, "timeline.moment", at=BEGAN_S + 1.4)
     assert found["by"] == "timeline"
     assert found["targets"][0]["distance_m"] == 0.5
     assert found["rules"] == [{"rule": "near", "status": "active", "reason": ""}]
@@ -166,7 +165,7 @@ def recorded(desk: Desk) -> float:
 @pytest.mark.long
 def test_a_moment_that_a_recording_holds_is_explained_by_it(desk: Desk, recorded: float) -> None:
     for after_s, status, words in ((30, "idle", "2.000 m"), (110, "active", "0.500 m")):
-        found = ask(desk, "timeline_moment.moment", at=recorded + after_s)
+        found = ask(desk, "timeline.moment", at=recorded + after_s)
         assert (found["by"], found["recording"]) == ("recording", "one.mcap")
         near = next(each for each in found["rules"] if each["rule"] == "near")
         assert near["status"] == status
@@ -182,7 +181,7 @@ def test_a_moment_of_a_run_that_lagged_is_explained_by_the_clock_of_the_run(
     path = desk.configuration.parent / "recordings" / "clips" / "one.mcap"
     os.utime(path, (recorded + 240, recorded + 240))
     for after_s, status in ((100, "idle"), (200, "active")):
-        found = ask(desk, "timeline_moment.moment", at=recorded + after_s)
+        found = ask(desk, "timeline.moment", at=recorded + after_s)
         near = next(each for each in found["rules"] if each["rule"] == "near")
         assert (found["held_by"], near["status"]) == ("clips/one.mcap", status)
         assert found["since_s"] == pytest.approx(after_s / 2, abs=1.5)
@@ -196,8 +195,8 @@ def test_a_moment_of_the_last_minute_is_explained_by_the_run(desk: Desk, monkeyp
         assert args["at_unix_s"] == pytest.approx(time.time(), abs=30)
         return {"rules": [told]}
 
-    assert ask_run is timeline_moment.ask
-    monkeypatch.setattr(timeline_moment, "ask", answer)
-    found = ask(desk, "timeline_moment.moment", at=time.time() - 5)
+    assert ask_run is timeline.ask
+    monkeypatch.setattr(timeline, "ask", answer)
+    found = ask(desk, "timeline.moment", at=time.time() - 5)
     assert found["by"] == "run"
     assert found["rules"] == [{"rule": "near", "status": "idle", "reason": "idle: 2.0 m"}]

@@ -1,4 +1,4 @@
-"""The event log: what rules and faults did, and when, in lines for people, for months.
+"""The event log: what rules and faults did, and when, in lines for people, for months; and the reader of its lines.
 
 The system's own journal is in memory on Raspberry Pi OS. This log is on the disk, beside the state file, five files of
 1 MB at most. A quiet hour writes nothing: lines are gathered and written once a minute. A fault, a warning of the run,
@@ -12,24 +12,28 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from msgspec import Struct
+
 from stadimeter.app.clock import local_now
 from stadimeter.app.service_folders import state_directory
 from stadimeter.config.atomic_file import append_whole
-from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode
+from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Severity
 
-if TYPE_CHECKING:  # they take long to load
+if TYPE_CHECKING:
     from stadimeter.app.cycle import CycleRecord
-    from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+    from stadimeter.app.recordings.journal import RecordedConfiguration
     from stadimeter.core.decide import State
     from stadimeter.core.frame import Frame
+
 
 FILE_BYTES_MAX = 1_000_000
 FILES_MAX = 5
@@ -269,3 +273,61 @@ def _in_words(event: Event) -> str:
     who = f" by {event.by}" if event.by else ""
     reason = f": {event.reason}" if event.reason else ""
     return f"{event.severity.value}: {event.source} {event.kind.value.replace('_', ' ')}{who}{reason}"
+
+
+# The lines of a day that a clock was set back stand behind those of the next.
+CLOCK_SET_S = 86400.0
+
+_LINE = re.compile(r"(?P<time>\d{4}-\d\d-\d\d [\d:.]+[+-]\d\d:\d\d)(?P<mark>[ ?]) (?P<text>.*)")
+_KINDS = "|".join(sorted((kind.value.replace("_", " ") for kind in EventKind), key=len, reverse=True))
+_EVENT = re.compile(
+    rf"(?P<severity>{'|'.join(Severity)}): (?P<source>\S+) (?P<kind>{_KINDS})(?: by (?P<by>.*?))?(?:: (?P<reason>.*))?"
+)
+
+
+class LoggedEvent(Struct, frozen=True, kw_only=True):
+    """A line of the log.
+
+    Attributes:
+        kind: An `EventKind`; empty for what the run says of itself, which is in `reason`.
+        is_synchronised: Whether a time server vouched for the clock then.
+    """
+
+    unix_s: float
+    is_synchronised: bool
+    kind: str = ""
+    source: str = ""
+    severity: str = ""
+    by: str = ""
+    reason: str = ""
+
+
+def parse_line(line: str) -> tuple[str, bool, str] | None:
+    """Return the time of a line, whether it was right, and its text; None for a line of another form."""
+    found = _LINE.fullmatch(line)
+    return (found["time"].replace(" ", "T"), found["mark"] == " ", found["text"]) if found else None
+
+
+def read_events(path: Path, from_s: float, to_s: float) -> Iterator[LoggedEvent]:
+    """Yield what a log has of a time, newest first; of a clock that was set, lines may be out of order."""
+    for file in reversed(log_files(path)):
+        with suppress(OSError):  # begun anew since it was listed
+            for line in reversed(file.read_text(encoding="utf-8", errors="replace").splitlines()):
+                event = _logged(line)
+                if event is not None and event.unix_s < from_s - CLOCK_SET_S:
+                    return
+                if event is not None and from_s <= event.unix_s < to_s:
+                    yield event
+
+
+def _logged(line: str) -> LoggedEvent | None:
+    parsed = parse_line(line)
+    if parsed is None:
+        return None
+    unix_s = datetime.fromisoformat(parsed[0]).timestamp()
+    found = _EVENT.fullmatch(parsed[2])
+    if found is None:
+        return LoggedEvent(unix_s=unix_s, is_synchronised=parsed[1], reason=parsed[2])
+    words = {name: found[name] or "" for name in ("source", "severity", "by", "reason")}
+    kind = found["kind"].replace(" ", "_")
+    return LoggedEvent(unix_s=unix_s, is_synchronised=parsed[1], kind=kind, **words)

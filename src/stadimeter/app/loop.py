@@ -36,7 +36,7 @@ if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
     from stadimeter.app.control.reloading import CheckedConfiguration, Restarter
     from stadimeter.app.control.requests import Control
     from stadimeter.app.persistence.state_writer import StateWriter
-    from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+    from stadimeter.app.recordings.journal import RecordedConfiguration
     from stadimeter.app.service import Service
     from stadimeter.app.watchdog import WatchdogLink
 

@@ -24,9 +24,8 @@ import numpy as np
 from msgspec import Struct, field
 
 from stadimeter.app.control.calibrating import calibrate_on_request
-from stadimeter.app.control.last_recording import keep_last
 from stadimeter.app.control.messages import FrameArgs, Reply, SubscribeArgs, WorldArgs
-from stadimeter.app.control.recording import RecordingOnRequest
+from stadimeter.app.control.recording import LastRecording, RecordingOnRequest
 from stadimeter.app.control.reloading import Reloader, Restarter, build_parts
 from stadimeter.app.control.requests import Act, Control, Requests
 from stadimeter.app.control.socket_server import Answer
@@ -276,7 +275,10 @@ def attend_to_requests(loop: Loop, requests: Requests) -> Iterator[None]:
     """Connect the requests of operators to a run that has not begun, while in the context."""
     services, configuration = loop.services, loop.parts.configuration
     restarter = Restarter(partial(build_parts, configuration.path))
-    recording = RecordingOnRequest(loop.parts, lambda: loop.state, services.tell, loop.deadline)
+    run = loop.parts, lambda: loop.state, services.tell, loop.deadline
+    recordings = [recording := RecordingOnRequest(*run)]
+    if (table := configuration.recording) is not None:
+        recordings.append(LastRecording(*run, table.last))
     acts: dict[str, Act] = {
         "alarms": lambda _args, answer: _answer_alarms(loop.state, loop.history, answer),
         "restart": restarter.act,
@@ -285,7 +287,7 @@ def attend_to_requests(loop: Loop, requests: Requests) -> Iterator[None]:
     }
     if loop.parts.world is not None:
         acts["world"] = partial(_change_world, loop.parts.world, configuration.plan.targets)
-    loop.listeners.append(recording)
+    loop.listeners += recordings
     services.restarter, services.recording = restarter, recording
     services.control = Control(
         requests,
@@ -295,10 +297,10 @@ def attend_to_requests(loop: Loop, requests: Requests) -> Iterator[None]:
         is_kept=lambda: services.memory.is_kept() if services.memory is not None else None,
     )
     try:
-        with keep_last(loop.listeners, loop.parts, lambda: loop.state, services.tell, loop.deadline):
-            yield
+        yield
     finally:
-        recording.close()
+        for each in recordings:
+            each.close()
 
 
 def _change_world(world: StagedWorld, targets: Collection[str], args: WorldArgs, answer: Answer) -> None:

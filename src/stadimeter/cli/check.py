@@ -117,7 +117,7 @@ def _set_thresholds(configuration: Configuration) -> tuple[str, ...]:
     file = state_file(configuration.path)
     if file is None or not is_file(file):
         return ()
-    from stadimeter.app.persistence.kept_thresholds import describe_kept  # noqa: PLC0415 - it needs SQLite
+    from stadimeter.app.persistence.alarm_store import describe_kept  # noqa: PLC0415 - it needs SQLite
 
     return tuple(describe_kept(file, configuration.plan.rules))
 

@@ -9,8 +9,7 @@ from typing import Annotated
 
 import typer
 
-from stadimeter.app.event_log import ENDING, log_files
-from stadimeter.app.logged_events import parse_line
+from stadimeter.app.event_log import ENDING, log_files, parse_line
 from stadimeter.app.service_folders import SERVICE_STATE
 from stadimeter.cli.exits import plain_errors
 from stadimeter.errors import JournalError

@@ -7,8 +7,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from stadimeter.app.loop import Loop
-from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, to_be_recorded
+from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration, to_be_recorded
 from stadimeter.app.recordings.recorder import Recorder, Writer
 from stadimeter.cli.run_services import RunOptions
 from stadimeter.config.extras import require

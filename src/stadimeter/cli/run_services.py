@@ -100,8 +100,8 @@ def _keep_past(loop: Loop, is_right: Callable[[], bool], closing: ExitStack) -> 
     path = loop.parts.configuration.path
     events = event_log_path(path)
     if keep_s := _timeline_s(loop.parts.configuration.timeline):
-        from stadimeter.app.timeline.keeper import keep_timeline  # noqa: PLC0415 - few runs at a desk keep one
-        from stadimeter.app.timeline.rows import event_log_beside  # noqa: PLC0415
+        # Few runs at a desk keep one.
+        from stadimeter.app.timeline import event_log_beside, keep_timeline  # noqa: PLC0415
 
         folder = closing.enter_context(keep_timeline(loop.listeners, path, keep_s))
         events = events or event_log_beside(folder)

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from stadimeter.app.recordings.recorded_configuration import load_recorded
+from stadimeter.app.recordings.journal import load_recorded
 from stadimeter.cli.exits import NOT_FOUND, plain_errors
 from stadimeter.cli.progress import working
 from stadimeter.config.loader import Configuration, load_configuration

@@ -178,11 +178,11 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         right=Right.READ, answer="Timeline", query={"from": "number", "to": "number", "points": "integer"},
     ),
     _desk(
-        "GET", "timeline/marks", "timeline_moment.marks", "The recordings of a time, and the thresholds of the rules",
+        "GET", "timeline/marks", "timeline.marks", "The recordings of a time, and the thresholds of the rules",
         right=Right.READ, answer="TimelineMarks", query={"from": "number", "to": "number"},
     ),
     _desk(
-        "GET", "timeline/moment", "timeline_moment.moment", "What is known of a moment: why each rule acted, or not",
+        "GET", "timeline/moment", "timeline.moment", "What is known of a moment: why each rule acted, or not",
         right=Right.READ, answer="TimelineMoment", query={"at": "number"}, wait_s=LONG_WAIT_S,
     ),
     _desk(
@@ -205,7 +205,7 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
     ),
     _desk("GET", "recordings/{name}/about", "recordings.recording", "What is in a recording", wait_s=LONG_WAIT_S),
     _desk(
-        "GET", "recordings/{name}/frame.jpg", "recorded_frame.recording_frame",
+        "GET", "recordings/{name}/frame.jpg", "recordings.recording_frame",
         "A moment of a recording, with its values in X-Values",
         query={"at_s": "number", "draw": "text"}, media=_JPEG,
     ),

@@ -19,8 +19,7 @@ from scenario.prove.staging import StagedConfiguration
 from scenario.prove.watch import MotionWatch, Violation
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+from stadimeter.app.recordings.journal import JournalWriter, to_be_recorded
 from stadimeter.app.watchdog import WatchdogLink
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.operator import OperatorCommand

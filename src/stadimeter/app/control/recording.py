@@ -1,12 +1,16 @@
-"""A recording that is begun and ended while a run goes on.
+"""Recordings of a run while it goes on: one that is begun and ended on request, and the last hour.
 
-It goes to a folder of its own, which cannot fill the disk: a recording is refused while the folder or the disk is full,
+A recording goes to a folder of its own, which cannot fill the disk: it is refused while the folder or the disk is full,
 and ends by itself before that. Whatever takes time is done in threads, so that the loop is never held up. The
 recording holds the state of the run at its beginning, from which it replays to the same decisions.
+
+People who ask why an alarm sounded have seldom begun a recording before it: the last hour is kept without pictures, in
+recordings one after another, of which old ones go.
 """
 
 from __future__ import annotations
 
+import math
 import shutil
 import threading
 import time
@@ -20,8 +24,8 @@ from msgspec import Struct, field
 from stadimeter.app.control.messages import RecordArgs, Reply
 from stadimeter.app.control.socket_server import Answer
 from stadimeter.app.cycle import CycleRecord
+from stadimeter.app.recordings.journal import RecordedConfiguration
 from stadimeter.app.recordings.record_file import ENDING, delete_old
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.app.service_folders import state_directory
 from stadimeter.config.loader import is_demonstration
 from stadimeter.core.decide import State
@@ -33,6 +37,7 @@ if TYPE_CHECKING:
     from stadimeter.app.ending import Deadline
     from stadimeter.app.recordings.recorder import Recorder
     from stadimeter.app.recordings.recording import RecordingWriter
+
 
 FOLDER = "recordings"
 CLIPS = "clips"
@@ -284,3 +289,64 @@ def _finish(begun: _Begun, answer: Answer) -> None:
     begun.recorder.close()
     failure = begun.recorder.failure
     answer(Reply(error=f"{begun.path.name} is not whole: {failure}") if failure else Reply(begun.about()))
+
+
+LAST = "last"
+
+# How often it looks whether a recording is full, or has ended and may be begun again.
+LAST_LOOK_EVERY_S = 10.0
+
+# An hour at 30 Hz takes 0.04 GB. This bound is for a clock that was set wrong, by which nothing is ever old.
+LAST_BYTES = 1_000_000_000
+
+
+def last_folder(configuration: Path) -> Path:
+    """Return where the last hour of the runs of a configuration is."""
+    return recordings_folder(configuration) / LAST / configuration.stem
+
+
+class LastRecording(RecordingOnRequest):
+    """Keeps what a run saw and did of late, if its configuration says so. A listener of the loop.
+
+    Each recording holds `last_s`, so with the one before, between once and twice that is kept.
+    """
+
+    def __init__(
+        self,
+        parts: Parts,
+        state: Callable[[], State | None],
+        tell: Callable[[str], None],
+        deadline: Deadline,
+        last_s: float,
+    ) -> None:
+        bounds = Bounds(seconds=math.inf, folder_bytes=LAST_BYTES, keep_s=last_s)
+        super().__init__(parts, state, tell, deadline, bounds, last_folder(parts.configuration.path))
+        self._last_s = last_s
+        self._look_s = -math.inf
+        self._full_s = math.inf
+        self._not_begun = ""
+
+    def __call__(self, record: CycleRecord, _frame: Frame | None) -> None:
+        """Take in a cycle, and begin another recording where it is time to."""
+        super().__call__(record, None)
+        now_s = record.observation.now_s
+        if now_s < self._look_s:
+            return
+        self._look_s = now_s + LAST_LOOK_EVERY_S
+        if now_s >= self._full_s:
+            self.act(RecordArgs(do="stop"), lambda _reply: None)
+        if self.now() is None:
+            self._full_s = now_s + self._last_s
+            self.act(RecordArgs(do="start"), self._note)
+
+    def trouble(self) -> str:
+        """Return why nothing is kept now; empty if nothing is wrong."""
+        return self._not_begun or super().trouble()
+
+    def _note(self, reply: Reply | Callable[[], Reply]) -> None:
+        """Take in, from a thread, whether a recording has begun; say once why not."""
+        reply = reply if isinstance(reply, Reply) else reply()
+        trouble = f"the last {self._last_s / 60:g} min: {reply.error}" if reply.error else ""
+        if trouble and trouble != self._not_begun:
+            self._tell(f"warning: {trouble}")
+        self._not_begun = trouble

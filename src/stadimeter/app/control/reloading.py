@@ -20,7 +20,7 @@ from msgspec import Struct
 
 from stadimeter.app.control.messages import NoArgs, Reply
 from stadimeter.app.control.socket_server import Answer
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, to_be_recorded
+from stadimeter.app.recordings.journal import RecordedConfiguration, to_be_recorded
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.rules.scheduler import new_rules
 from stadimeter.errors import StadimeterError

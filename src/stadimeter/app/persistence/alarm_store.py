@@ -25,7 +25,7 @@ import sqlite3
 import stat
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from enum import Enum, auto
 from itertools import count
 from pathlib import Path
@@ -35,8 +35,11 @@ from stadimeter.app.deliveries import Undelivered
 from stadimeter.app.exact_json import decode, encode
 from stadimeter.app.persistence.resumption import ClockReading, Memory
 from stadimeter.config.atomic_file import rename_to_free_name
+from stadimeter.core.alarms.settings import keep_thresholds
 from stadimeter.core.message import Message, Notification
 from stadimeter.core.persistence import Absence, AlarmSnapshot
+from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.words import figure_in_words
 from stadimeter.errors import StateError
 
 # Says whose file it is: ``Stad``.
@@ -394,3 +397,28 @@ def _row_sum(row: Sequence[object]) -> int:
 def _sha256(rest: Sequence[str], memories: Iterable[tuple[str, str]], sums: Iterable[int]) -> str:
     """Return a checksum over everything in the file. The sums of the rows are added up: each has its number in it."""
     return hashlib.sha256(json.dumps([rest, sorted(memories), sum(sums)]).encode()).hexdigest()
+
+
+def describe_kept(file: Path, rules: Iterable[AnyRule]) -> Iterator[str]:
+    """Yield in words which thresholds the next run of these rules begins with; none if the file cannot be read."""
+    alarms = {rule.name: rule for rule in rules if isinstance(rule, AlarmRule)}
+    for memory in _memories(file):
+        if memory.rule in alarms:
+            kept, _ = keep_thresholds(alarms[memory.rule], memory.record.thresholds)
+            for each in kept:
+                value, configured = (figure_in_words(figure, each.unit) for figure in (each.value, each.configured))
+                by = each.by or "an operator"
+                yield f"`{memory.rule}`: {each.key} is set to {value} by {by}; the configuration says {configured}."
+
+
+def _memories(file: Path) -> tuple[AlarmSnapshot, ...]:
+    """Return the memories of alarms; nothing while a run holds the file, or after it was killed: its log is newer."""
+    try:
+        if kind_of(file) is not Kind.OURS or too_large(file) or file.with_name(f"{file.name}-wal").exists():
+            return ()
+        # Immutable: SQLite takes no lock, and makes no file beside it.
+        with closing(sqlite3.connect(f"{file.absolute().as_uri()}?immutable=1", uri=True)) as database:
+            rows = database.execute("SELECT memory FROM alarm ORDER BY rule").fetchall()
+            return tuple(decode(memory, AlarmSnapshot) for (memory,) in rows)
+    except Exception:  # noqa: BLE001 - whatever is wrong with the file, the next run says it
+        return ()

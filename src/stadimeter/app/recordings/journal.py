@@ -1,4 +1,4 @@
-"""The journal: what was known, decided and done in each cycle, one line of JSON a cycle.
+"""The journal: what was known, decided and done in each cycle, one line of JSON a cycle; and a cycle as JSON.
 
 The first line says what wrote the journal and holds the configuration; where another one was reloaded while running,
 a line holds that. Every further line is one `CycleRecord`, without
@@ -12,28 +12,267 @@ which wall-clock time the journal began at.
 from __future__ import annotations
 
 import os
+import tomllib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
-from msgspec import Struct, field
+from msgspec import Raw, Struct, field
+from msgspec.json import schema
 from msgspec.structs import replace
 from pydantic_core import from_json
 
 import stadimeter
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.exact_json import decode, encode
-from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle, reload_json, reload_of
 from stadimeter.app.recordings.record_file import RecordFile
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.config.addresses import words_for_people
 from stadimeter.config.findings import format_value
-from stadimeter.config.untrusted_file import lines_of, open_untrusted, sha256_of
+from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.config.units import path_from
+from stadimeter.config.untrusted_file import (
+    CAMERA_FILE_MAX_BYTES,
+    lines_of,
+    open_untrusted,
+    read_untrusted_text,
+    sha256_of,
+)
+from stadimeter.core.bounds import MAX_TIME_S, is_time
+from stadimeter.core.decision import Decision, Event, RuleTrace
 from stadimeter.core.frame import Frame
-from stadimeter.errors import JournalError, UnreadableError
+from stadimeter.core.observation import Observation
+from stadimeter.errors import ConfigError, JournalError, Problem, UnreadableError
 
-__all__ = ["FORMAT", "Journal", "JournalHeader", "JournalWriter", "read_journal"]
+_T = TypeVar("_T")
+
+FILE_NAME = "configuration.toml"
+
+
+class RecordedConfiguration(Struct, frozen=True, kw_only=True):
+    """The parts of its configuration that a recording keeps; `files` has the texts of those it names, by path."""
+
+    text: str
+    files: Mapping[str, str] = field(default_factory=dict)
+
+
+def to_be_recorded(configuration: Configuration) -> RecordedConfiguration:
+    """Return the parts of a configuration that a recording keeps: its text, and its camera file's if it names one."""
+    return RecordedConfiguration(text=configuration.text, files=_camera_files(configuration))
+
+
+def load_recorded(recorded: RecordedConfiguration, source: Path) -> Configuration:
+    """Load the configuration of a recording; a `ConfigError` names the recording."""
+    path = source / FILE_NAME  # below a file is no place, so nothing is read there but what was recorded
+    try:
+        texts = {path_from(path.parent, name): text for name, text in recorded.files.items()}
+        loaded = load_configuration(path, texts={**texts, path: recorded.text})
+    except ValueError as error:
+        if not isinstance(error, ConfigError):  # names that no file can have
+            raise ConfigError([Problem(f"its configuration cannot be read: {error}", str(source))]) from error
+        inside = f"{source} (its configuration)"
+        raise ConfigError(
+            replace(problem, file=inside if problem.file == str(path) else problem.file) for problem in error.problems
+        ) from error
+    return replace(loaded, path=source, text=recorded.text)
+
+
+def _camera_files(configuration: Configuration) -> dict[str, str]:
+    table, texts = tomllib.loads(configuration.text), {}
+    for section, key in (("camera", "model"), ("second_camera", "stereo")):
+        name = table.get(section, {}).get(key)
+        if isinstance(name, str):
+            with suppress(UnreadableError):  # it was there when the configuration was loaded
+                text = read_untrusted_text(path_from(configuration.path.parent, name), CAMERA_FILE_MAX_BYTES)
+                texts[name] = words_for_people(text)
+    return texts
+
+
+# Stands for the rules of a decision that are those of the cycle before, which are last in it.
+AS_BEFORE = b'"as before"'
+_RULES_ARE = b',"rules":'
+
+# What older recordings call the inhibits of a rule. No text holds these bytes: in one, quotes are escaped.
+_GATES, _INHIBITS = b',"gates":[', b',"inhibits":['
+
+
+class _RecordedReload(Struct, frozen=True):
+    """A configuration that was reloaded while running, and when on the run's monotonic clock."""
+
+    at_s: float
+    configuration: RecordedConfiguration
+
+
+class _Reloaded(Struct, frozen=True):
+    reloaded: _RecordedReload
+
+
+# The parts of a cycle before its decision, in their order, and those of a decision before its rules.
+_PARTS = ("observation", "applied", "timings_s")
+_DECIDED = tuple(name for name in Decision.__struct_fields__ if name not in {"rules", "reasons"})
+
+_RELOADED_BEGINS = b'{"reloaded":'
+
+
+def reload_json(at_s: float, configuration: RecordedConfiguration) -> bytes:
+    """Write that another configuration was reloaded, on one line before the first cycle that it decided."""
+    return encode(_Reloaded(_RecordedReload(at_s, configuration)))
+
+
+def reload_of(line: bytes, place: str) -> RecordedConfiguration | None:
+    """Return the configuration that a line says was reloaded; None if it says no such thing."""
+    if not line.startswith(_RELOADED_BEGINS):
+        return None
+    try:
+        return decode(line, _Reloaded).reloaded.configuration
+    except ValueError as error:
+        raise JournalError(f"{place}: not a configuration: {error}") from error
+
+
+def cycle_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a cycle as `CycleEncoder` writes it."""
+    written = schema(CycleRecord, schema_hook=lambda _kind: {"type": "array"})  # points in no journal
+    for name, left_out in (("CycleRecord", ("rejected", "detections")), ("Decision", ("reasons",))):
+        for key in left_out:
+            del written["$defs"][name]["properties"][key]
+    return written
+
+
+class CycleEncoder:
+    """Writes the cycles of one run.
+
+    Args:
+        repeats_rules: Whether rules that are those of the cycle before are written again. With many rules they would
+            be most of each cycle; but only then each cycle can be read on its own.
+    """
+
+    def __init__(self, *, repeats_rules: bool) -> None:
+        self._repeats_rules = repeats_rules
+        self._rules: tuple[RuleTrace, ...] | None = None
+        self._rules_json = b"[]"
+        self._each: dict[int, tuple[RuleTrace, bytes]] = {}
+
+    def encode(self, record: CycleRecord) -> bytes:
+        """Write a cycle."""
+        parts = encode({name: getattr(record, name) for name in _PARTS})
+        return parts[: -len(b"}")] + b',"decision":' + self.encode_decision(record.decision) + b"}"
+
+    def encode_decision(self, decision: Decision) -> bytes:
+        """Write a decision; what rules did, and did in the cycle before, is not made again."""
+        rules = AS_BEFORE
+        if decision.rules is not self._rules or self._repeats_rules:
+            rules = self._encode_rules(decision.rules)
+        decided = encode({name: getattr(decision, name) for name in _DECIDED})
+        return decided[: -len(b"}")] + _RULES_ARE + rules + b"}"
+
+    def _encode_rules(self, rules: tuple[RuleTrace, ...]) -> bytes:
+        if rules is not self._rules:
+            # Of a hundred rules a few change at a time, and those that did not are the same objects: an identity
+            # stands for one object while that object is held, which the table does until the next change.
+            before, self._each = self._each, {}
+            for rule in rules:
+                known = before.get(id(rule))
+                self._each[id(rule)] = known if known is not None else (rule, encode(rule))
+            self._rules, self._rules_json = rules, b"[" + b",".join([json for _, json in self._each.values()]) + b"]"
+        return self._rules_json
+
+
+class _When(Struct, frozen=True):
+    """The parts of an observation that tell when it was."""
+
+    now_s: float
+    frame: Raw
+
+
+class _Decided(Struct, frozen=True):
+    events: tuple[Event, ...]
+    rules: Raw
+
+
+class _Parts(Struct, frozen=True):
+    observation: Raw
+    decision: Raw
+
+
+class RecordedCycle:
+    """One cycle of a recording, read as far as it is asked for. A part that is damaged raises `JournalError`.
+
+    Args:
+        before: The cycle before, for one whose rules are those of that.
+
+    Attributes:
+        reloaded: The configuration that was reloaded right before it.
+    """
+
+    __slots__ = ("_line", "_parts", "_place", "_rules", "reloaded")
+
+    def __init__(
+        self,
+        line: bytes,
+        place: str,
+        reloaded: RecordedConfiguration | None = None,
+        before: RecordedCycle | None = None,
+    ) -> None:
+        self.reloaded = reloaded
+        self._place = place
+        self._parts: _Parts | None = None
+        self._rules: bytes | None = None
+        if AS_BEFORE in line:
+            self._rules = before.rules_json() if before else b"[]"
+            self._line = line.replace(_RULES_ARE + AS_BEFORE, _RULES_ARE + self._rules)
+        else:
+            self._line = line.replace(_GATES, _INHIBITS)
+
+    def observation(self) -> Observation:
+        """Return the observation of the cycle."""
+        observation = self._read(self._part("observation"), Observation)
+        captured_s = [measured.captured_at_s for measured in observation.measurements]
+        if observation.frame is not None:
+            captured_s.append(observation.frame.captured_at_s)
+        if not is_time(observation.now_s, *captured_s):
+            words = f"a time beyond {MAX_TIME_S:g} s, which no clock shows"
+            raise JournalError(f"{self._place}: not a cycle of a recording: {words}")
+        return observation
+
+    def now_s(self) -> float:
+        """Return its time on the run's clock."""
+        return self._read(self._part("observation"), _When).now_s
+
+    def has_frame(self) -> bool:
+        """Check whether a frame was new in it."""
+        return bytes(self._read(self._part("observation"), _When).frame) != b"null"
+
+    def events(self) -> tuple[Event, ...]:
+        """Return the recorded events."""
+        return self._read(self._part("decision"), _Decided).events
+
+    def rules_json(self) -> bytes:
+        """Return the JSON of its rules."""
+        if self._rules is None:
+            self._rules = bytes(self._read(self._part("decision"), _Decided).rules)
+        return self._rules
+
+    def decision_json(self) -> bytes:
+        """Return the JSON of the decision."""
+        return bytes(self._part("decision"))
+
+    def record(self) -> CycleRecord:
+        """Return the whole cycle."""
+        return self._read(self._line, CycleRecord)
+
+    def _part(self, name: str) -> Raw:
+        if self._parts is None:
+            self._parts = self._read(self._line, _Parts)
+        found: Raw = getattr(self._parts, name)
+        return found
+
+    def _read(self, text: bytes | Raw, kind: type[_T]) -> _T:
+        try:
+            return decode(text, kind)
+        except ValueError as error:
+            raise JournalError(f"{self._place}: not a cycle of a recording: {error}") from error
+
 
 FORMAT = 2
 
@@ -132,8 +371,7 @@ class Journal(Struct, frozen=True, kw_only=True):
         with readable(self.path) as file:
             lines = lines_of(file)
             next(lines, b"")
-            rules = b"[]"
-            reloaded = None
+            reloaded = cycle = None
             for number, line in enumerate(lines, start=2):
                 if not line.endswith(b"\n"):
                     return
@@ -141,8 +379,7 @@ class Journal(Struct, frozen=True, kw_only=True):
                 if taken_over := reload_of(line, place):
                     reloaded = taken_over
                     continue
-                cycle = RecordedCycle(line, rules, place, reloaded)
-                rules, reloaded = cycle.rules_json, None
+                cycle, reloaded = RecordedCycle(line, place, reloaded, before=cycle), None
                 yield cycle
 
     def is_cut_off(self) -> bool:

@@ -16,7 +16,7 @@ from typing import Protocol
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.ending import Deadline
 from stadimeter.app.persistence.resumption import state_text
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.journal import RecordedConfiguration
 from stadimeter.core.decide import State
 from stadimeter.core.frame import Frame
 from stadimeter.errors import StadimeterError

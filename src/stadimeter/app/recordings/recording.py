@@ -23,9 +23,15 @@ from msgspec.structs import replace
 import stadimeter
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings import recording_messages as messages
-from stadimeter.app.recordings.cycle_json import CycleEncoder, cycle_schema, reload_json
+from stadimeter.app.recordings.journal import (
+    FILE_NAME,
+    CycleEncoder,
+    RecordedConfiguration,
+    cycle_schema,
+    reload_json,
+    to_be_recorded,
+)
 from stadimeter.app.recordings.record_file import LIBRARY, RecordFile, is_ours
-from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration, to_be_recorded
 from stadimeter.config.extras import require
 from stadimeter.config.loader import Configuration
 from stadimeter.config.untrusted_file import sha256_of

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from msgspec import Struct, field
 
 from stadimeter.app.exact_json import plain
-from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle
+from stadimeter.app.recordings.journal import CycleEncoder, RecordedCycle
 from stadimeter.core.decision import Decision, Event
 from stadimeter.core.observation import Observation
 from stadimeter.workbench.replay.replay_figures import RuleFigures, Tally
@@ -79,16 +79,13 @@ class Comparison:
         result.cycles += 1
 
     def _is_same(self, cycle: RecordedCycle, decision: Decision) -> bool:
-        if cycle.rules_json == self._encoder.rules_json(
-            decision.rules
-        ) and cycle.decision_json() == self._encoder.decision_json(decision):
+        written = cycle.decision_json()
+        if written == self._encoder.encode_decision(decision):
             return True
         if self._is_ours and self._different > LOOKED_INTO:
             return False
         recorded = cycle.record().decision
-        self._is_ours = self._is_ours and cycle.decision_json() == CycleEncoder(repeats_rules=True).decision_json(
-            recorded
-        )
+        self._is_ours = self._is_ours and written == CycleEncoder(repeats_rules=True).encode_decision(recorded)
         return decision == recorded
 
 

@@ -12,10 +12,16 @@ from msgspec.structs import replace
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.app.persistence.resumption import read_state
-from stadimeter.app.recordings.cycle_json import RecordedCycle
-from stadimeter.app.recordings.journal import JournalHeader, read_journal, readable
+from stadimeter.app.recordings.journal import (
+    JournalHeader,
+    RecordedConfiguration,
+    RecordedCycle,
+    load_recorded,
+    read_journal,
+    readable,
+    to_be_recorded,
+)
 from stadimeter.app.recordings.record_file import MAGIC
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, load_recorded, to_be_recorded
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.decision import Decision

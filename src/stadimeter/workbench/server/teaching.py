@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from stadimeter.app.control.last_recording import FOLDER as LAST
+from stadimeter.app.control.recording import LAST
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.replay.what_if import KeptRecording
 from stadimeter.workbench.rule_settings import alarm_named, settings_of, with_settings

@@ -1,1 +1,0 @@
-"""The timeline of a run: what each second was like, kept for days."""
