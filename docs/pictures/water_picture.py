@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 from measuring_round import QUALITY, RED
 
-from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_model import CameraModel, behind_flat_port
 from stadimeter.core.frame import Frame, Image
-from stadimeter.core.camera_model import behind_flat_port
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.ranging.measure import measure
 from support.scenes import draw

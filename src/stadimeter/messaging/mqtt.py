@@ -11,7 +11,7 @@ from paho.mqtt.enums import MQTTProtocolVersion
 
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.home_assistant import Announcement, DiscoveryPlace
-from stadimeter.core.message import Message
+from stadimeter.core.message import REQUEST, Message
 from stadimeter.errors import ConfigError, DeviceClosedError, DeviceOpenError
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.broker_link import V5, V311, BrokerLink, serve
@@ -97,7 +97,7 @@ def _attempt(client: Client, version: MQTTProtocolVersion, events: LinkEvents, o
 
 def _try_to_listen(client: Client, version: MQTTProtocolVersion, events: LinkEvents, options: MqttSettings) -> str:
     """Subscribe to one topic of requests; return why the broker does not let us, or an empty string."""
-    topic = f"{options.base}/request/{OperatorAction.STOP_OUTPUTS}"
+    topic = f"{options.base}/{REQUEST.of(OperatorAction.STOP_OUTPUTS)}"
     subscribe(client, [topic], 1 if version == V5 and events.has_identifiers else None)
     until_s = time.monotonic() + ASKED_S
     while (left_s := until_s - time.monotonic()) > 0 and serve(client.loop, events, left_s):

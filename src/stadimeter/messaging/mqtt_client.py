@@ -19,7 +19,7 @@ from pydantic import AfterValidator, Field, model_validator
 from stadimeter.config.plugins import DriverOptions
 from stadimeter.config.units import Duration, FilePath
 from stadimeter.core.home_assistant import DiscoveryPlace
-from stadimeter.core.message import Message
+from stadimeter.core.message import AVAILABILITY, RETAINED, Message
 from stadimeter.messaging.outbox import DirectMessage
 from stadimeter.messaging.protocol import CommandLevel
 
@@ -148,7 +148,7 @@ class MqttSettings(DriverOptions):
     @property
     def retained_topic(self) -> str:
         """Topic of the list of retained topics, below the base topic, which several nodes may share."""
-        return f"retained/{self.node}"
+        return f"{RETAINED.first_level}/{self.node}"
 
     @property
     def retained_page_bytes(self) -> int:
@@ -188,8 +188,8 @@ LISTENING_PACKET_MAX = 16_384
 # Read without a look at the clock.
 LISTENING_PACKETS_MAX = 500
 
-ONLINE = Message(topic="availability", payload="online", qos=1, retain=True)
-OFFLINE = Message(topic="availability", payload="offline", qos=1, retain=True)
+ONLINE = Message(topic=AVAILABILITY.path, payload="online", qos=1, retain=True)
+OFFLINE = Message(topic=AVAILABILITY.path, payload="offline", qos=1, retain=True)
 
 
 class OversizedPacketError(Exception):

@@ -12,7 +12,7 @@ from typing import Any
 from paho.mqtt.client import Client
 from paho.mqtt.enums import MQTTErrorCode
 
-from stadimeter.core.message import Message
+from stadimeter.core.message import AVAILABILITY, RETAINED, Message
 from stadimeter.messaging.link_events import LinkEvents
 from stadimeter.messaging.mqtt_client import publish_properties
 from stadimeter.messaging.outbox import DirectMessage, MemoryOutbox, PendingMessage, pending
@@ -21,8 +21,8 @@ from stadimeter.messaging.outbox import DirectMessage, MemoryOutbox, PendingMess
 # its bounds: the link's thread may wait for a name server for minutes.
 INCOMING_MAX = 50
 
-# First words of the topics of the link's own messages. A later run does not send them again.
-_OURS = ("availability", "retained/")
+# First levels of the topics of the link's own messages. A later run does not send them again.
+_OURS = frozenset({AVAILABILITY.first_level, RETAINED.first_level})
 
 # Room in a packet for what is neither payload nor topic.
 _HEADER_BYTES = 512
@@ -73,7 +73,7 @@ class SendQueue:
         with self._lock:
             self._take_in()
             undelivered = self._outbox.undelivered()
-        return tuple([each for each in undelivered if not (each.topic.startswith(_OURS) or each.is_absolute)])
+        return tuple([each for each in undelivered if not (each.topic.partition("/")[0] in _OURS or each.is_absolute)])
 
     def send(self, message: Message) -> None:
         """Send a message, or let it wait (QoS 1), or drop and count it (QoS 0). Returns at once."""
