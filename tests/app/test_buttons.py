@@ -16,7 +16,7 @@ from stadimeter.config.plugins import BUTTONS, DriverContext, load_driver
 from stadimeter.core.decision import EventKind
 from stadimeter.errors import DeviceOpenError, DriverError
 from stadimeter.operator_actions import OperatorAction
-from stadimeter.simulation.button import SimulatedButton
+from stadimeter.simulation.devices import SimulatedButton
 from stadimeter.testing.rig import ManualClock
 from stadimeter.testing.wires import WatchedPins
 from support.replaying import replay

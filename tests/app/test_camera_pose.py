@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from stadimeter.app.bootstrap import build
 from stadimeter.app.live.health import Board, live_health
 from stadimeter.app.loop import Loop
-from stadimeter.app.pose_reports import PoseReports
+from stadimeter.app.messages import Reporter
 from stadimeter.app.recordings.journal import JournalWriter, read_journal, to_be_recorded
 from stadimeter.cli.main import app
 from stadimeter.config.loader import load_configuration
@@ -77,11 +77,11 @@ def test_a_run_finds_its_pose_and_its_journal_gives_the_same_one_again(room, tmp
 
 
 def told(poses, step_s=0.1):
-    reports = PoseReports()
+    reports = Reporter("boot")
     return [
         (number * step_s, json.loads(each.payload))
         for number, pose in enumerate(poses)
-        for each in reports.messages(number * step_s, lambda: "noon", pose)
+        for each in reports.pose(number * step_s, lambda: "noon", pose)
     ]
 
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.app.discovery import announcement
-from stadimeter.app.reporting import Reporter
+from stadimeter.app.messages import Reporter
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import ALARM_EVENTS, Decision, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
@@ -84,8 +84,7 @@ def test_no_two_entities_are_the_same_however_targets_and_rules_are_called(targe
             for name in names
         ),
     )
-    retained = {f"rule/{name}/{what}" for name in names for what in ("state", "availability", "settings")}
-    found = announcement(plan, PLACE, retained, ORDERS)
+    found = announcement(plan, PLACE, ORDERS)
     per_rule = 8  # state, acknowledge, reset, shelve, unshelve, in service, observed, threshold
     assert len(found.components) == 5 * len(targets) + per_rule * len(names) + 9
 
@@ -102,8 +101,7 @@ def test_of_a_rule_that_drives_an_output_only_what_quiets_it_is_offered_unless_o
     condition = DistanceCondition(below_m=1.0)
     near = AlarmRule(name="near", target="a", output="motor", condition=condition, ack="required", latch=True)
     plan = Plan(targets=("a",), rules=(near,), outputs=(LevelOutput(name="motor"),))
-    retained = {f"rule/near/{what}" for what in ("state", "availability", "settings")}
-    components = announcement(plan, PLACE, retained, ORDERS - {"request/release-outputs"}).components
+    components = announcement(plan, PLACE, ORDERS - {"request/release-outputs"}).components
     assert {key for key in components if key.endswith("_near")} == {"rule_near", "acknowledge_near", "shelve_near"}
 
 

@@ -4,10 +4,8 @@ import json
 
 from msgspec.structs import replace
 
-from stadimeter.app.deliveries import outgoing
-from stadimeter.app.figure_reports import FigureReports
+from stadimeter.app.messages import Reporter, outgoing
 from stadimeter.app.persistence.resumption import read_state, state_text
-from stadimeter.app.reporting import Reporter
 from stadimeter.core.conditions.summary import RememberedFigure, Summary, step_summary
 from stadimeter.core.decide import initial_state
 from stadimeter.core.decision import Decision, Event, EventKind, Notice, SafetyMode, Severity
@@ -29,10 +27,13 @@ def payloads(made, rule):
 
 
 def test_a_figure_is_told_when_it_changes_and_every_two_seconds_at_most():
-    reports, told = FigureReports(), []
+    reporter, told = Reporter("boot"), []
     for number in range(100):
         value = None if number < 10 else 2.0 - number // 10 / 10
-        told += [(number / 10, each) for each in reports.messages(number / 10, lambda: "noon", {"nearest": value})]
+        told += [
+            (number / 10, each)
+            for each in reporter.messages(number / 10, lambda: "noon", decided(figures={"nearest": value}))
+        ]
     assert [(at_s, json.loads(each.payload)["value"]) for at_s, each in told] == [
         (0.0, None), (2.0, 1.8), (4.0, 1.6), (6.0, 1.4), (8.0, 1.2),
     ]  # fmt: skip

@@ -10,8 +10,8 @@ import pytest
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.deliveries import outgoing
 from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.messages import outgoing
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Decision, Event, EventKind, Notice, SafetyMode, Severity

@@ -9,7 +9,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from stadimeter.app.reporting import Reporter
+from stadimeter.app.messages import Reporter
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.message import Message
 from stadimeter.core.reload import reload

@@ -13,7 +13,7 @@ from stadimeter.bases.pan_servo import CENTRES_S, PULSES_END_AFTER_S, PanServoBa
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import CommandRangeError, DeviceClosedError, LinkLostError
-from stadimeter.simulation.pca9685_chip import EmulatedPca9685, EmulatedPca9685Options
+from stadimeter.simulation.motors import EmulatedPca9685, EmulatedPca9685Options
 from stadimeter.simulation.world import World, WorldOptions
 from stadimeter.testing.rig import ManualClock
 from support.each_case import each_case

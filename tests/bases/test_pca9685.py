@@ -12,7 +12,7 @@ from stadimeter.bases.pca9685 import Pca9685Base, Pca9685Options
 from stadimeter.config.plugins import DriverChoice, DriverContext
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import DeviceOpenError, LinkLostError
-from stadimeter.simulation.pca9685_chip import EmulatedPca9685, EmulatedPca9685Options
+from stadimeter.simulation.motors import EmulatedPca9685, EmulatedPca9685Options
 from stadimeter.simulation.world import World, WorldOptions
 from stadimeter.testing.rig import ManualClock
 from support.each_case import each_case

@@ -114,7 +114,7 @@ USUAL_WARNINGS = (  # the emulated port is reached by a link elsewhere, which st
 SIMULATED_CAMERA = ("stadimeter.simulation.camera", "SimulatedCamera", "read")
 BASE = ("stadimeter.bases.serial_base", "SerialBase")
 DETECTOR = ("stadimeter.simulation.ideal_detector", "IdealDetector", "detect")
-ACTUATOR = ("stadimeter.simulation.actuator", "SimulatedActuator", "tick")
+ACTUATOR = ("stadimeter.simulation.devices", "SimulatedActuator", "tick")
 
 
 class Board(RosArduinoFirmware):

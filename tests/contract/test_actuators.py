@@ -7,8 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from stadimeter.config.plugins import ACTUATORS, BUTTONS, DriverContext, load_driver
-from stadimeter.simulation.actuator import SimulatedActuator
-from stadimeter.simulation.button import SimulatedButton
+from stadimeter.simulation.devices import SimulatedActuator, SimulatedButton
 from stadimeter.testing.actuator_contract import ABSENT, FAILS, ActuatorContract, ActuatorRig, ButtonContract, ButtonRig
 from stadimeter.testing.rig import ManualClock, impossible
 from stadimeter.testing.wires import WatchedPins

@@ -9,8 +9,7 @@ import pytest
 from stadimeter.bases.protocol import MobileBase
 from stadimeter.config.plugins import BASES, PORTS, DriverContext, load_driver
 from stadimeter.errors import DeviceClosedError, LinkLostError
-from stadimeter.simulation.h_bridge_motors import FULL_DUTY_MPS, STARTS_AT_DUTY, HBridgeMotors
-from stadimeter.simulation.pca9685_chip import EmulatedPca9685Options
+from stadimeter.simulation.motors import FULL_DUTY_MPS, STARTS_AT_DUTY, EmulatedPca9685Options, HBridgeMotors
 from stadimeter.simulation.world import World, WorldOptions
 from stadimeter.testing.base_contract import SILENT, TAKES_NO_BYTES, UNPLUGGED, BaseContract, BaseRig
 from stadimeter.testing.output_contract import raised_by

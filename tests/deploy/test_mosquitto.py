@@ -15,9 +15,8 @@ import pytest
 from paho.mqtt.enums import CallbackAPIVersion
 
 from stadimeter.config.plugins import DriverContext
-from stadimeter.messaging.broker_secrets import read_secrets
 from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
-from stadimeter.messaging.mqtt_client import make_client
+from stadimeter.messaging.mqtt_client import make_client, read_secrets
 from stadimeter.messaging.protocol import RequestMessage
 from stadimeter.testing.rig import ManualClock, eventually
 from support.broker import MosquittoBroker

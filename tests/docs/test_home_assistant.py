@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from stadimeter.app.reporting import Reporter
+from stadimeter.app.messages import Reporter
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decision import Decision, RuleStatus, RuleTrace, SafetyMode
 from stadimeter.core.measurement import Track, TrackStatus

@@ -10,7 +10,7 @@ from typing import Any
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.reporting import Reporter
+from stadimeter.app.messages import Reporter
 from stadimeter.config.loader import load_configuration
 from support.every_rule import EVERY_RULE, ORDERS, announced, every_rule
 from support.golden import Golden, digest

@@ -5,7 +5,7 @@ import ssl
 
 import pytest
 
-from stadimeter.messaging import link_events as words
+from stadimeter.messaging import mqtt_client as words
 from stadimeter.messaging.mqtt import MqttOptions
 from support.each_case import each_case
 

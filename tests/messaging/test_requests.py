@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from paho.mqtt.client import MQTTMessage
 
-from stadimeter.messaging import request_topics
+from stadimeter.messaging import broker_link
+from stadimeter.messaging.broker_link import RequestTopics
 from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
 from stadimeter.messaging.protocol import RequestMessage
-from stadimeter.messaging.request_topics import RequestTopics
 from stadimeter.testing.rig import eventually
 from support.broker import HOST, MosquittoBroker
 from support.mqtt_asker import MqttAsker
@@ -110,7 +110,7 @@ def test_a_session_of_311_keeps_nothing_while_we_are_away(broker, make_messenger
 
 @pytest.fixture
 def patient_flood(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(request_topics, "LEFT_FOR_S", 1.0)
+    monkeypatch.setattr(broker_link, "LEFT_FOR_S", 1.0)
 
 
 @pytest.mark.long

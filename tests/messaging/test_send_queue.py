@@ -9,8 +9,8 @@ from typing import Any
 from paho.mqtt.client import Client, MQTTMessageInfo
 
 from stadimeter.core.message import Message
+from stadimeter.messaging.broker_link import INCOMING_MAX
 from stadimeter.messaging.mqtt import PahoMessenger
-from stadimeter.messaging.send_queue import INCOMING_MAX
 from stadimeter.testing.rig import eventually
 
 ALARM = "stadimeter/it/event/alarm"

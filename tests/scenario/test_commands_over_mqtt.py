@@ -19,7 +19,7 @@ import pytest
 
 from stadimeter.app.control.messages import ARGS
 from stadimeter.app.control.mqtt_requests import OFFERS
-from stadimeter.messaging import request_topics
+from stadimeter.messaging import broker_link
 from stadimeter.operator_actions import OperatorAction
 from stadimeter.testing.rig import eventually
 from stadimeter.workbench.replay.replay import read_recording, replay_run
@@ -234,8 +234,8 @@ FLOOD = 40
 def test_messages_of_any_kind_move_nothing_and_each_is_counted(
     action: str, start: Start, broker: MosquittoBroker, closing: ExitStack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(request_topics, "RATE_HZ", 1e9)  # else most messages would not even be looked into
-    monkeypatch.setattr(request_topics, "FLOOD", 10**9)
+    monkeypatch.setattr(broker_link, "RATE_HZ", 1e9)  # else most messages would not even be looked into
+    monkeypatch.setattr(broker_link, "FLOOD", 10**9)
     run, asker = start(protocol="5", commands="alarms")
     asker.ask("stop-outputs", why="nothing must move from now on")
     counted_before, before = sum_of(run.commands), len(run.records)
@@ -290,7 +290,7 @@ def make_payload(rng: random.Random) -> bytes:
 def test_a_flood_holds_up_neither_the_loop_nor_a_stop(
     start: Start, broker: MosquittoBroker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(request_topics, "RATE_HZ", 0.1)  # else a slow machine sends no more than is taken
+    monkeypatch.setattr(broker_link, "RATE_HZ", 0.1)  # else a slow machine sends no more than is taken
     run, asker = start(protocol="5")
     before, flooded = len(run.records), OFFERS.keys() - {"stop-outputs", "status"}
     for _ in range(FLOOD):

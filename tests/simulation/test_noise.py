@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stadimeter.simulation.scrambling import gaussian_pair, scramble
+from stadimeter.simulation.camera import gaussian_pair, scramble
 
 COUNT = 20_000
 

@@ -7,7 +7,6 @@ from typing import Any
 
 from stadimeter.app.control.mqtt_requests import OFFERS
 from stadimeter.app.discovery import announcement
-from stadimeter.app.reporting import Reporter
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.home_assistant import Announcement, DiscoveryPlace
 from support.simulated_run import SIMULATED_BALL
@@ -87,7 +86,5 @@ def announced(configuration: Configuration, *, orders: frozenset[str] = frozense
     """Return what a run announces which takes these orders."""
     options = configuration.messenger.options if configuration.messenger is not None else None
     where: DiscoveryPlace = getattr(options, "discovery_place")  # noqa: B009 - of this driver only
-    reporter = Reporter("boot")
-    reporter.opening(configuration.plan.rules)
     place = {"node": where.node, "base": where.base, "prefix": where.prefix, **place}
-    return announcement(configuration.plan, DiscoveryPlace(**place), reporter.retained, orders)
+    return announcement(configuration.plan, DiscoveryPlace(**place), orders)

@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.app.reporting import EXPIRES_S, Reporter
+from stadimeter.app.messages import Reporter
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Decision, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.measurement import Track, TrackStatus
+from stadimeter.core.message import EXPIRES_S
 from stadimeter.core.rule import AlarmRule
 from stadimeter.messaging.protocol import Received
 from stadimeter.workbench import fleet as devices

@@ -1,20 +1,16 @@
-"""Messages and notifications of rules, and what of them is not delivered: waiting, left by an earlier run, given up."""
+"""Sending of messages, and what of them is not delivered: waiting, left by an earlier run, given up."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
-from stadimeter.app.reporting import is_state
-from stadimeter.core import templates
-from stadimeter.core.conditions.summary import RememberedFigure
-from stadimeter.core.decision import Decision, Notice, Severity
-from stadimeter.core.message import KEPT_S, Message, Notification, as_history
-from stadimeter.core.rule import AlarmRule, AnyRule, Send, Template, gate_of
+from stadimeter.core.decision import Severity
+from stadimeter.core.message import KEPT_S, Message, Notification, as_history, is_state
 from stadimeter.errors import StadimeterError
 from stadimeter.messaging.protocol import Discoverable, Retaining, Subscribes, TakesRequests
 
@@ -56,12 +52,23 @@ class Deliveries:
         self.published: deque[tuple[float, Message]] = deque(maxlen=PUBLISHED_MAX)
         self._by_topic: dict[str, tuple[float, Message]] = {}
 
-    def note_published(self, at_s: float, message: Message) -> None:
-        """Remember a message for the views. An empty one has cleared its topic."""
-        self.published.appendleft((at_s, message))
-        self._by_topic.pop(message.topic, None)
-        if message.payload:
-            self._by_topic[message.topic] = (at_s, message)
+    def publish(self, at_s: float, messages: Iterable[Message]) -> None:
+        """Publish messages, if there is a messenger, and remember them. An empty one has cleared its topic."""
+        if self._parts.messenger is None:
+            return
+        for message in messages:
+            self._parts.messenger.publish(message)
+            self.published.appendleft((at_s, message))
+            self._by_topic.pop(message.topic, None)
+            if message.payload:
+                self._by_topic[message.topic] = (at_s, message)
+
+    def send(self, at_s: float, name: str, item: Message | Notification) -> None:
+        """Publish a message of a rule, or hand a notification to its notifier."""
+        if isinstance(item, Message):
+            self.publish(at_s, (item,))
+        else:
+            self._parts.notifiers[name].notify(item)
 
     def kept(self, *, is_everything: bool) -> list[Message]:
         """Return the newest message of each topic that a broker keeps: states, or the user's own messages too."""
@@ -100,7 +107,7 @@ class Deliveries:
             from stadimeter.app.discovery import announcement  # noqa: PLC0415 - only who is discovered needs it
 
             plan = self._parts.configuration.plan
-            messenger.announce(announcement(plan, messenger.discovery_place, topics, messenger.orders))
+            messenger.announce(announcement(plan, messenger.discovery_place, messenger.orders))
         if isinstance(messenger, Retaining):
             messenger.retain_only(topics)
 
@@ -197,58 +204,3 @@ def _with_its_time(notification: Notification) -> Notification:
     if not notification.time or notification.time in notification.body:
         return notification
     return replace(notification, body=f"{notification.body}\n({notification.time})")
-
-
-LocalTime = Callable[[], str]
-
-MAX_TITLE_CHARACTERS = 120
-
-
-def outgoing(
-    decision: Decision,
-    rules: Iterable[AnyRule],
-    local_time: LocalTime,
-    figures: Iterable[RememberedFigure] = (),
-    clips: Mapping[str, str] | None = None,
-) -> Iterator[Undelivered]:
-    """Yield what rules send after a cycle, filled in, in the order of the rules. Does no I/O and reads no clock.
-
-    The time (RFC 3339) is asked for if needed; ``clips`` names the newest clip of each rule.
-    """
-    if not decision.notices:
-        return
-    alarms = {rule.name: gate_of(rule) for rule in rules}
-    known = {figure.name: figure.for_people(decision.figures.get(figure.name)) for figure in figures}
-    time = local_time()
-    for notice in decision.notices:
-        rule = alarms[notice.rule]
-        send = rule.escalation[notice.step].send
-        if send is None:
-            continue
-        track = next((track for track in decision.tracks if track.target == rule.target), None)
-        clip = {"clip": (clips or {}).get(notice.rule)}
-        values = templates.fields(rule, notice, track, time, rule.group) | known | clip
-        if send.topic:
-            yield MESSENGER, _message(notice, send, values)
-        else:
-            yield send.notifier, _notification(rule, notice, send, values, time)
-
-
-def _message(notice: Notice, send: Send, values: Mapping[str, templates.Value]) -> Message:
-    return Message(
-        topic=send.topic,
-        payload=templates.render(send.template, values),
-        qos=1,
-        retain=send.retain,
-        severity=notice.event.severity,
-        at_s=notice.event.at_s,
-    )
-
-
-def _notification(
-    rule: AlarmRule, notice: Notice, send: Send, values: Mapping[str, templates.Value], time: str
-) -> Notification:
-    title = templates.render(Template(text=send.title), values) if send.title else rule.name
-    title = " ".join(title.split())[:MAX_TITLE_CHARACTERS] or rule.name
-    body = templates.render(send.template, values).strip() or title
-    return Notification(title=title, body=body, severity=notice.event.severity, time=time, at_s=notice.event.at_s)

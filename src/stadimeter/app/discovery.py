@@ -13,13 +13,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import stadimeter
-from stadimeter.app.health_reports import CAMERA, HEALTH
-from stadimeter.app.health_reports import INTERVAL_S as HEALTH_INTERVAL_S
-from stadimeter.app.reporting import HEARTBEAT_S, INFO
+from stadimeter.core import message as topics
 from stadimeter.core.alarms.settings import RuleThreshold, thresholds_of
 from stadimeter.core.decision import ALARM_EVENTS, Severity
 from stadimeter.core.home_assistant import (
-    AVAILABILITY,
     Announcement,
     AnyComponent,
     BinarySensor,
@@ -44,8 +41,8 @@ from stadimeter.operator_actions import SWITCHES, OperatorAction
 SUPPORT_URL = "https://github.com/stadimeter/stadimeter"
 
 # Two states in a row may be lost on the way before a figure is unavailable.
-TARGET_EXPIRES_S = int(3 * HEARTBEAT_S)
-HEALTH_EXPIRES_S = int(3 * HEALTH_INTERVAL_S)
+TARGET_EXPIRES_S = int(3 * topics.TARGET_STATE.heartbeat_s)
+HEALTH_EXPIRES_S = int(3 * topics.HEALTH.heartbeat_s)
 
 # A button has no field for a time.
 SHELVE_FOR_S = 1800.0
@@ -59,36 +56,23 @@ _DEVICE_CLASSES = {Severity.SAFETY: "safety", Severity.ALARM: "problem", Severit
 # Below the first level of the base topic: one for all devices there.
 _LATEST_VERSION = "latest_version"
 
-_SNAPSHOT, _TAKE_SNAPSHOT = "snapshot", "request/snapshot"
+_TAKE_SNAPSHOT = topics.REQUEST.of("snapshot")
 
 # Offered where other programs may let outputs act.
-_LETS_ACT = f"request/{OperatorAction.RELEASE_OUTPUTS}"
+_LETS_ACT = topics.REQUEST.of(OperatorAction.RELEASE_OUTPUTS)
 
 
-def announcement(
-    plan: Plan,
-    place: DiscoveryPlace,
-    retained: Iterable[str],
-    orders: Iterable[str],
-) -> Announcement:
+def announcement(plan: Plan, place: DiscoveryPlace, orders: Iterable[str]) -> Announcement:
     """Return the announcement that Home Assistant discovers.
 
     Args:
-        retained: The topics of rules that the run publishes, below the base topic.
-        orders: The topics that it listens to, such as ``request/acknowledge``.
+        orders: The topics that the run listens to, such as ``request/acknowledge``.
     """
     orders = frozenset(orders)
-    published = {
-        *retained,
-        AVAILABILITY,
-        CAMERA,
-        HEALTH,
-        INFO,
-        "event/alarm",
-        *(f"target/{name}/state" for name in plan.targets),
-    }
-    if _TAKE_SNAPSHOT in orders:
-        published.add(_SNAPSHOT)
+    names = {"target": plan.targets, "rule": [rule.name for rule in plan.rules]}
+    published = {each.of(name) for each in topics.OWN_TOPICS for name in names.get(each.first_level, ("",))}
+    if _TAKE_SNAPSHOT not in orders:
+        published.discard(topics.SNAPSHOT.path)
     entities = _Entities(place)
     found = [each for name in plan.targets for each in entities.of_target(name)]
     for rule in plan.rules:
@@ -132,8 +116,12 @@ class _Entities:
 
     def of_target(self, target: str) -> Iterator[AnyComponent]:
         """Yield what is shown of a target: nothing while the camera is silent."""
-        topic, shown = self._topic(f"target/{target}/state"), _title(target)
-        common: dict[str, Any] = {"state_topic": topic, "expire_after": TARGET_EXPIRES_S, **self._available(CAMERA)}
+        topic, shown = self._topic(topics.TARGET_STATE.of(target)), _title(target)
+        common: dict[str, Any] = {
+            "state_topic": topic,
+            "expire_after": TARGET_EXPIRES_S,
+            **self._available(topics.CAMERA_STATE.path),
+        }
         figure: dict[str, Any] = {"state_class": "measurement", **common}
         metres = {"device_class": "distance", "unit_of_measurement": "m", **figure}
         yield Sensor(
@@ -161,7 +149,7 @@ class _Entities:
 
     def of_rule(self, rule: AnyRule) -> Iterator[AnyComponent]:
         """Yield whether a rule is active, and what people may do to it."""
-        topic, name = self._topic(f"rule/{rule.name}/state"), rule.name
+        topic, name = self._topic(topics.RULE_STATE.of(rule.name)), rule.name
         attributes = ", ".join(f"'{key}': value_json.{key}" for key in _ATTRIBUTES)
         yield BinarySensor(
             **self._named("binary_sensor", "rule", name, _title(name), qos=1),
@@ -170,7 +158,7 @@ class _Entities:
             device_class=_DEVICE_CLASSES.get(rule.severity, "") if isinstance(rule, AlarmRule) else "running",
             json_attributes_topic=topic,
             json_attributes_template=f"{{{{ {{{attributes}}} | tojson if value_json is defined else '{{}}' }}}}",
-            **self._available(f"rule/{name}/availability"),
+            **self._available(topics.RULE_AVAILABILITY.of(name)),
         )
         alarm = gate_of(rule)
         yield from self._buttons(alarm)
@@ -183,7 +171,7 @@ class _Entities:
         """Yield what is not of one target or rule."""
         yield EventEntity(
             **self._named("event", "alarm", "", "Alarm", qos=1),
-            state_topic=self._topic("event/alarm"), event_types=tuple(ALARM_EVENTS),
+            state_topic=self._topic(topics.ALARM_EVENT.path), event_types=tuple(ALARM_EVENTS),
         )  # fmt: skip
         yield self._button(OperatorAction.STOP_OUTPUTS, "", "Stop all outputs", {})
         yield ButtonEntity(
@@ -192,11 +180,11 @@ class _Entities:
         )  # fmt: skip
         yield ImageEntity(
             **self._named("image", "snapshot", "", "Picture"),
-            image_topic=self._topic(_SNAPSHOT), content_type="image/jpeg",
+            image_topic=self._topic(topics.SNAPSHOT.path), content_type="image/jpeg",
         )  # fmt: skip
         yield UpdateEntity(
             **self._named("update", "software", "", "Software", qos=1, category="diagnostic"),
-            state_topic=self._topic(INFO), value_template="{{ value_json.version }}", title="stadimeter",
+            state_topic=self._topic(topics.INFO.path), value_template="{{ value_json.version }}", title="stadimeter",
             latest_version_topic=f"{self._place.base.partition('/')[0]}/{_LATEST_VERSION}",
         )  # fmt: skip
         yield self._diagnostic("frame_rate", "Frame rate", "frame_rate_hz", unit_of_measurement="fps", **_MEASURED)
@@ -225,7 +213,7 @@ class _Entities:
     def _button(self, action: OperatorAction, rule: str, words: str, more: Mapping[str, object]) -> ButtonEntity:
         return ButtonEntity(
             **self._named("button", action.value.replace("-", "_"), rule, words, qos=1),
-            command_topic=self._topic(f"request/{action.value}"),
+            command_topic=self._topic(topics.REQUEST.of(action.value)),
             payload_press=json.dumps({**({"rule": rule} if rule else {}), **more}),
         )
 
@@ -233,9 +221,9 @@ class _Entities:
         """Return a switch of a rule. Home Assistant sends both states to one topic, so there is one order for them."""
         return Switch(
             **self._named("switch", key, rule, f"{_title(rule)} {words}", qos=1, category="config"),
-            state_topic=self._topic(f"rule/{rule}/settings"),
+            state_topic=self._topic(topics.RULE_SETTINGS.of(rule)),
             value_template=f"{{{{ {{true: 'ON', false: 'OFF'}}.get(value_json.{key}) }}}}",
-            command_topic=self._topic(f"request/{order}"),
+            command_topic=self._topic(topics.REQUEST.of(order)),
             payload_on=json.dumps({"rule": rule, "value": True}),
             payload_off=json.dumps({"rule": rule, "value": False}),
             state_on="ON",
@@ -246,9 +234,9 @@ class _Entities:
         order = f'{{"rule": {json.dumps(rule)}, "key": {json.dumps(key)}, "value": {{{{ value }}}}}}'
         return Number(
             **self._named("number", f"threshold_{key}", rule, f"{_title(rule)} {key}", qos=1, category="config"),
-            state_topic=self._topic(f"rule/{rule}/settings"),
+            state_topic=self._topic(topics.RULE_SETTINGS.of(rule)),
             value_template=f"{{{{ value_json.thresholds['{key}'].value }}}}",
-            command_topic=self._topic("request/set-threshold"),
+            command_topic=self._topic(topics.REQUEST.of("set-threshold")),
             command_template=order,
             min=math.ceil(found.place.low * 1e3) / 1e3,
             max=math.floor(found.place.high * 1e3) / 1e3,
@@ -261,7 +249,7 @@ class _Entities:
     def _diagnostic(self, what: str, words: str, key: str, **more: Any) -> Sensor:
         return Sensor(
             **self._named("sensor", what, "", words, category="diagnostic"),
-            state_topic=self._topic(HEALTH),
+            state_topic=self._topic(topics.HEALTH.path),
             value_template=_value(key),
             expire_after=HEALTH_EXPIRES_S,
             enabled_by_default=False,
@@ -281,8 +269,8 @@ class _Entities:
         }
 
     def _available(self, also: str) -> dict[str, Any]:
-        topics = (AVAILABILITY, also)
-        return {"availability": tuple(Topic(topic=self._topic(each)) for each in topics), "availability_mode": "all"}
+        needed = (topics.AVAILABILITY.path, also)
+        return {"availability": tuple(Topic(topic=self._topic(each)) for each in needed), "availability_mode": "all"}
 
     def _topic(self, below: str) -> str:
         return f"{self._place.base}/{below}"

@@ -15,13 +15,12 @@ from msgspec import Struct
 from stadimeter.app.bootstrap import EndedWhileOpening, OpenParts, Parts
 from stadimeter.app.clock import TimeOfDay
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.deliveries import Deliveries, outgoing
+from stadimeter.app.deliveries import Deliveries
 from stadimeter.app.ending import Deadline, Steps, close_side_by_side
 from stadimeter.app.guard import Guard, make_all_safe, retire_all
-from stadimeter.app.health_reports import HealthReports
-from stadimeter.app.live.health import Board
+from stadimeter.app.live.health import Board, live_health
 from stadimeter.app.live.history import RunHistory
-from stadimeter.app.reporting import Reporter
+from stadimeter.app.messages import Reporter, health_figures, outgoing
 from stadimeter.config.untrusted_file import sha256_of
 from stadimeter.core.decide import State, initial_state
 from stadimeter.core.frame import Frame
@@ -161,14 +160,13 @@ class Loop:
     _needs_wall_time: bool = False
     _open_parts: OpenParts = field(init=False)
     deliveries: Deliveries = field(init=False)
-    _health: HealthReports = field(init=False)
+    _board: Board = field(init=False)
 
     def __post_init__(self) -> None:
         """Prepare the opening of the parts, and the account of what they deliver."""
         self._open_parts = OpenParts(self.parts, lambda: bool(self.ending), self._report_opening)
         self.deliveries = Deliveries(self.parts)
-        board = Board(self.parts.configuration.path.parent)
-        self._health = HealthReports(self.history, board, self.trouble, self.deliveries)
+        self._board = Board(self.parts.configuration.path.parent)
 
     def run(self, limits: Limits | None = None) -> None:
         """Run until a limit is reached, the frames end, or the end is asked for.
@@ -196,8 +194,7 @@ class Loop:
                 if self._state is not None and self.services.memory is not None:
                     self.services.memory.keep(self._state)
                 self.deliveries.closing()
-            self._publish(self.parts.clock.now_s(), self.reporter.last_messages(_wall_clock()))
-            self._publish(self.parts.clock.now_s(), self._health.last_messages())
+            self.deliveries.publish(self.parts.clock.now_s(), self.reporter.last_messages(_wall_clock()))
 
     def stop(self, why: str) -> None:
         """Stop every output at once, and end the run after this cycle, soon. May be called from a signal handler.
@@ -310,7 +307,7 @@ class Loop:
         now_s = parts.clock.now_s()
         for recording in self._recordings:
             recording.note_reload(now_s, change.recorded)
-        self._publish(now_s, (*self.reporter.reload(plan.rules, plan.named_figures), self._info()))
+        self.deliveries.publish(now_s, (*self.reporter.reload(plan.rules, plan.named_figures), self._info()))
         self.deliveries.retain_only(self.reporter.retained)
         if services.watchdog is not None:
             services.watchdog.reloaded(change.configuration)
@@ -331,8 +328,8 @@ class Loop:
         """Report that no rule is judged yet, and have the broker forget those of earlier runs that are no more."""
         now_s = self.parts.clock.now_s()
         plan = self.parts.configuration.plan
-        self._publish(now_s, (self._info(), *self.reporter.opening(plan.rules, plan.named_figures)))
-        self._publish(now_s, self._health.messages(now_s, _wall_clock))
+        self.deliveries.publish(now_s, (self._info(), *self.reporter.opening(plan.rules, plan.named_figures)))
+        self._report_health(now_s)
         self.deliveries.retain_only(self.reporter.retained)
 
     def _info(self) -> Message:
@@ -341,37 +338,36 @@ class Loop:
     def _report(self, record: CycleRecord) -> None:
         now_s = record.observation.now_s
         messenger: object = self.parts.messenger
-        self._publish(now_s, self.reporter.messages(now_s, _wall_clock, record.decision, record.mark))
-        self._publish(now_s, self.reporter.poses.messages(now_s, _wall_clock, record.observation.camera_pose))
+        self.deliveries.publish(now_s, self.reporter.messages(now_s, _wall_clock, record.decision, record.mark))
+        self.deliveries.publish(now_s, self.reporter.pose(now_s, _wall_clock, record.observation.camera_pose))
         if isinstance(messenger, Discoverable):
             is_forgotten = messenger.take_forgotten()
             if messenger.take_states_due() or is_forgotten:
-                self._publish(now_s, self.deliveries.kept(is_everything=is_forgotten))
-                self._publish(now_s, self.reporter.repeat(_wall_clock()))
-                self._health.repeat()
-        if messenger is not None:
-            self._publish(now_s, self._health.messages(now_s, _wall_clock))
+                self.deliveries.publish(now_s, self.deliveries.kept(is_everything=is_forgotten))
+                self.deliveries.publish(now_s, self.reporter.repeat(_wall_clock()))
+        self._report_health(now_s)
         plan = self.parts.configuration.plan
         sent = outgoing(record.decision, plan.rules, _local_time, plan.named_figures, self.reporter.clips)
         for name, item in sent:
-            if isinstance(item, Message):
-                self._publish(now_s, (item,))
-            else:
-                self.parts.notifiers[name].notify(item)
+            self.deliveries.send(now_s, name, item)
         given_up = self.deliveries.given_up()
         if (
             self.parts.messenger is not None
             and given_up != self.reporter.reported_losses
             and not self.parts.messenger.trouble()
         ):
-            self._publish(now_s, self.reporter.given_up(now_s, _wall_clock, given_up))
+            self.deliveries.publish(now_s, self.reporter.given_up(now_s, _wall_clock, given_up))
 
-    def _publish(self, now_s: float, messages: Iterable[Message]) -> None:
+    def _report_health(self, now_s: float) -> None:
         if self.parts.messenger is None:
             return
-        for message in messages:
-            self.parts.messenger.publish(message)
-            self.deliveries.note_published(now_s, message)
+        figures = self._health_figures if self.history.record is not None else None
+        age_s = self.history.frame_age_s
+        self.deliveries.publish(now_s, self.reporter.health(now_s, _wall_clock, age_s, figures))
+
+    def _health_figures(self) -> dict[str, object]:
+        health = live_health(self.history, self._board, "", self.trouble())
+        return health_figures(health, len(self.deliveries.undelivered()), sum(self.deliveries.given_up().values()))
 
     def _close_all(self) -> None:
         """Close what was opened, then keep the state, and last close what the parts share.

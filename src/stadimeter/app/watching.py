@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -23,31 +24,37 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from msgspec import Struct, field
 
-from stadimeter.app.control.calibrating import calibrate_on_request
-from stadimeter.app.control.messages import FrameArgs, Reply, SubscribeArgs, WorldArgs
-from stadimeter.app.control.recording import LastRecording, RecordingOnRequest
+import stadimeter
+from stadimeter.app.control.messages import CalibrateArgs, FrameArgs, Reply, SubscribeArgs, WorldArgs
+from stadimeter.app.control.recording import LastRecording, RecordingOnRequest, recordings_folder
 from stadimeter.app.control.reloading import Reloader, Restarter, build_parts
 from stadimeter.app.control.requests import Act, Control, Requests
 from stadimeter.app.control.socket_server import Answer
-from stadimeter.app.introduction import colours_of, introduction
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.health import Board
 from stadimeter.app.live.history import RunHistory, Seen, newer
 from stadimeter.app.live.pictures import Pictures, drawn
 from stadimeter.app.live.snapshot import LiveFeed, RunSnapshot, Surroundings
 from stadimeter.app.live.snapshot_json import ReasonsInTurn, events_json, frame_data, samples_json, shared_json
+from stadimeter.app.service import is_service
+from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.untrusted_file import sha256_of
 from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.alarms.state import Acknowledgement
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Decision, Event, EventKind
+from stadimeter.core.detection import DetectionStatus, TargetShape
 from stadimeter.core.frame import Frame
 from stadimeter.core.rule import AlarmRule
-from stadimeter.errors import ControlError
+from stadimeter.errors import CalibrationError, ControlError
 
 if TYPE_CHECKING:
-    from stadimeter.app.bootstrap import StagedWorld
+    from stadimeter.app.bootstrap import Parts, StagedWorld
+    from stadimeter.app.live.history import RunHistory
     from stadimeter.app.loop import Loop
+    from stadimeter.config.loader import Configuration
 
 
 PERIOD_S = 0.1
@@ -384,3 +391,96 @@ def _alarm(
         "count": record.raises,
         "severity": rule.severity.value,
     }
+
+
+# The facts that a run tells of itself to each client that connects --------------------------------
+
+
+def introduction(loop: Loop) -> dict[str, object]:
+    """Return the facts about a run that each client gets when it connects."""
+    configuration = loop.parts.configuration
+    return {
+        "configuration": str(configuration.path.resolve()),
+        "pid": os.getpid(),
+        "version": stadimeter.__version__,
+        "digest": sha256_of(configuration.text),
+        "configuration_age_s": round(time.monotonic() - loop.configured_at_s, 1),
+        "is_service": is_service(),
+        "recordings": str(recordings_folder(configuration.path)),
+        "world": loop.parts.world is not None,
+    }
+
+
+def colours_of(configuration: Configuration) -> dict[str, str]:
+    """Return the targets that are found by a colour, each with the name of its table."""
+    return {
+        target: choice.name
+        for choice in configuration.targets
+        if getattr(choice.options, "hsv", None) is not None
+        for target in choice.members or (choice.name,)
+    }
+
+
+# A calibration while a run goes on: from one picture, of a target at a distance measured with a tape ---
+#
+# Nothing is written and nothing changes: the answer is a camera file. A person puts it where the configuration
+# names it, and has the run restarted. A run may not write its configuration, and a lens that changed by a message
+# would move every threshold without a word.
+
+
+def calibrate_on_request(parts: Parts, history: RunHistory, args: CalibrateArgs, answer: Answer) -> None:
+    """Have a lens computed from the newest picture, in the thread of the one who asks."""
+    seen = history.seen
+    record, frame = (seen.record, seen.frame) if seen is not None else (None, None)
+    shapes = {name: each.target_shape for name, each in parts.cycle.detectors.items()}
+    answer(partial(calibrate_now, args, record, frame, shapes, parts.configuration.camera_model))
+
+
+def calibrate_now(
+    args: CalibrateArgs,
+    record: CycleRecord | None,
+    frame: Frame | None,
+    shapes: Mapping[str, TargetShape],
+    lens: CameraModel | None,
+) -> Reply:
+    """Return the camera file by which the newest picture shows a target at the distance that it has.
+
+    Args:
+        record: The cycle in which the frame was new.
+        shapes: What each target is, by its name.
+        lens: The one that the run measures with.
+    """
+    if args.target not in shapes and (args.target or len(shapes) != 1):
+        return Reply(error=f"target: write one of {', '.join(shapes)}")
+    from stadimeter.ranging.calibration import KnownDistance, calibrate  # noqa: PLC0415 - few runs are asked for it
+
+    target = args.target or next(iter(shapes))
+    if lens is not None and any(lens.distortion):
+        return Reply(
+            error="the lens has distortion, which one distance does not tell; use `stadimeter calibrate board`"
+        )
+    found = {each.target: each for each in record.detections} if record is not None else {}
+    detection = found.get(target)
+    if frame is None or detection is None or detection.status is not DetectionStatus.FOUND:
+        why = detection.reason if detection is not None else "there is no picture of it"
+        return Reply(error=f"'{target}' is not measured now: {why}")
+    known = KnownDistance(
+        picture="the newest frame",
+        width_px=frame.width_px,
+        height_px=frame.height_px,
+        detection=detection,
+        size=shapes[target],
+        depth_m=args.distance,
+    )
+    try:
+        model = calibrate([known], date=time.strftime("%Y-%m-%d")).camera_model
+    except CalibrationError as error:
+        return Reply(error=str(error))
+    return Reply(
+        {
+            "target": target,
+            "focal_px": round(model.fx_px, 2),
+            "focal_relative_sigma": round(model.focal_relative_sigma, 5),
+            "camera_file": camera_file_text(model),
+        }
+    )

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from stadimeter.app.bootstrap import locator_of
-from stadimeter.app.pose_reports import pose_figures
+from stadimeter.app.messages import pose_figures
 from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, configuration_path, plain_errors
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError, Problem, StadimeterError

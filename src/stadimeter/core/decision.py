@@ -180,6 +180,11 @@ class RuleTrace(Struct, frozen=True, kw_only=True):
     active: bool | None = None
     chattering: bool = False
 
+    @property
+    def active_or_unknown(self) -> bool | None:
+        """Whether it is active; None also where its policy for a lost target has let it go."""
+        return self.active or (None if self.status is RuleStatus.UNKNOWN else self.active)
+
 
 class OutputTrace(Struct, frozen=True, kw_only=True):
     """The winner of one output in one cycle, and those who would have liked to command it.

@@ -13,9 +13,7 @@ from typing import Literal
 import msgspec
 from msgspec import Struct
 
-from stadimeter.core.message import Message
-
-AVAILABILITY = "availability"
+from stadimeter.core.message import AVAILABILITY, Message
 
 
 class _Part(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -221,7 +219,7 @@ class Announcement(Struct, frozen=True, kw_only=True):
         content = {
             "device": self.device,
             "origin": self.origin,
-            "availability": [Topic(topic=f"{self.place.base}/{AVAILABILITY}")],
+            "availability": [Topic(topic=f"{self.place.base}/{AVAILABILITY.path}")],
             "availability_mode": "all",
             "components": {**self.components, **removed},
         }

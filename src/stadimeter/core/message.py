@@ -1,7 +1,13 @@
-"""The messages that a messenger sends."""
+"""The messages that a messenger sends, and the topics of the program's own.
+
+Payloads are JSON objects whose keys and their order are fixed; ``v`` is the version of that form. Numbers are in SI
+units, rounded to the millimetre and the milliradian. What is not known is null, never NaN. Times are labels for
+people: receivers order by ``seq`` and ``id``, since the clock of a Raspberry Pi jumps at its first time sync.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 from msgspec import Struct
@@ -40,6 +46,94 @@ class Message(Struct, frozen=True, kw_only=True, tag=True):
     severity: Severity = Severity.INFO
     at_s: float = 0.0
     is_absolute: bool = False
+
+
+class OwnTopic(Struct, frozen=True, kw_only=True):
+    """A topic of the program's own, below the base topic, and how its messages are sent.
+
+    Attributes:
+        path: Its levels; ``*`` stands for the name of a target, a rule, a figure and so on.
+        qos: As of `Message`, and so are `retain` and `expires_s`.
+        interval_s: Changes that can wait are published this far apart.
+        heartbeat_s: What has not changed is published again after this time.
+    """
+
+    path: str
+    qos: int = 1
+    retain: bool = False
+    expires_s: int | None = None
+    interval_s: float = 0.0
+    heartbeat_s: float = math.inf
+
+    @property
+    def first_level(self) -> str:
+        """The first level, which no topic of a user's own may have."""
+        return self.path.partition("/")[0]
+
+    @property
+    def is_state(self) -> bool:
+        """True if its messages say how things are, and not that something happened or shall happen."""
+        return self.retain or not self.qos
+
+    @property
+    def is_kept_by_name(self) -> bool:
+        """True if a broker keeps its messages for ever, and the configuration's names decide whether there are any."""
+        return self.retain and self.expires_s is None and self.first_level in {"figure", "rule"}
+
+    def of(self, name: str) -> str:
+        """Return the topic of what has this name."""
+        return self.path.replace("*", name, 1)
+
+    def matches(self, topic: str) -> bool:
+        """Check whether a topic is of this form."""
+        own, found = self.path.split("/"), topic.split("/")
+        return len(own) == len(found) and all(a == b or (a == "*" and b) for a, b in zip(own, found, strict=True))
+
+
+# A state that a broker keeps for ever would show a distance of last week to those who subscribe today.
+EXPIRES_S = 10
+HEARTBEAT_S = 5.0
+
+AVAILABILITY = OwnTopic(path="availability", retain=True)
+INFO = OwnTopic(path="info", retain=True)
+TARGET_STATE = OwnTopic(
+    path="target/*/state", qos=0, retain=True, expires_s=EXPIRES_S, interval_s=0.5, heartbeat_s=HEARTBEAT_S
+)
+RULE_STATE = OwnTopic(path="rule/*/state", retain=True, interval_s=0.5)
+RULE_AVAILABILITY = OwnTopic(path="rule/*/availability", retain=True)
+RULE_SETTINGS = OwnTopic(path="rule/*/settings", retain=True)
+FIGURE_STATE = OwnTopic(path="figure/*/state", retain=True, interval_s=2.0)
+CAMERA_STATE = OwnTopic(path="camera/state", retain=True)
+CAMERA_POSE = OwnTopic(
+    path="camera/pose", qos=0, retain=True, expires_s=EXPIRES_S, interval_s=0.2, heartbeat_s=HEARTBEAT_S
+)
+HEALTH = OwnTopic(path="health", qos=0, heartbeat_s=30.0)
+ALARM_EVENT = OwnTopic(path="event/alarm")
+SYSTEM_EVENT = OwnTopic(path="event/system")
+REQUEST = OwnTopic(path="request/*")
+RESPONSE = OwnTopic(path="response/*", qos=0)
+SNAPSHOT = OwnTopic(path="snapshot", qos=0)
+# The pages of the list of what the broker keeps, for the program itself; see `stadimeter.messaging.outbox`.
+RETAINED = OwnTopic(path="retained/*/*", retain=True)
+
+OWN_TOPICS = (
+    AVAILABILITY, INFO, TARGET_STATE, RULE_STATE, RULE_AVAILABILITY, RULE_SETTINGS, FIGURE_STATE, CAMERA_STATE,
+    CAMERA_POSE, HEALTH, ALARM_EVENT, SYSTEM_EVENT, REQUEST, RESPONSE, SNAPSHOT, RETAINED,
+)  # fmt: skip
+
+OWN_FIRST_LEVELS = frozenset(each.first_level for each in OWN_TOPICS)
+_STATES = frozenset(each.first_level for each in OWN_TOPICS if each.is_state)
+
+
+def is_state(item: Message | Notification) -> bool:
+    """Check if it says how things are, and not what happened: each run says so anew, so no older one is sent again."""
+    return isinstance(item, Message) and item.topic.partition("/")[0] in _STATES
+
+
+def may_be_cleared(topic: str) -> bool:
+    """Check whether a broker may be asked to forget a topic that the configuration does not have any more."""
+    is_own = topic.partition("/")[0] in OWN_FIRST_LEVELS
+    return not is_own or any(each.is_kept_by_name and each.matches(topic) for each in OWN_TOPICS)
 
 
 def as_history(message: Message) -> Message:

@@ -1,37 +1,44 @@
-"""One connection to a broker, kept up by a thread."""
+"""One connection to a broker, kept up by a thread: what the broker keeps, what is sent, and what others ask for."""
 
 from __future__ import annotations
 
 import math
+import os
 import random
+import select
 import socket
 import struct
 import threading
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from functools import partial
+from typing import Any
 
+from msgspec import Struct
 from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.enums import MQTTErrorCode, MQTTProtocolVersion
 from paho.mqtt.properties import MQTTException  # type: ignore[attr-defined] # paho 2.1 and 2.2 both have it there
+from paho.mqtt.reasoncodes import ReasonCode
 
 from stadimeter.core.home_assistant import Announcement
-from stadimeter.core.message import Message
+from stadimeter.core.message import AVAILABILITY, RETAINED, Message
 from stadimeter.messaging.back_off import BackOff, Patience
-from stadimeter.messaging.link_events import LinkEvents
 from stadimeter.messaging.mqtt_client import (
     OFFLINE,
     ONLINE,
+    LinkEvents,
     MqttSettings,
     OversizedPacketError,
     Secrets,
     make_client,
+    publish_properties,
     say_goodbye,
+    subscribe,
 )
-from stadimeter.messaging.outbox import DirectMessage, RetainedList
-from stadimeter.messaging.request_topics import RequestTopics
-from stadimeter.messaging.send_queue import SendQueue
+from stadimeter.messaging.outbox import DirectMessage, MemoryOutbox, PendingMessage, RetainedList, pending
+from stadimeter.messaging.protocol import NoRequest, RequestMessage
 
 # What a broker keeps of a run, and what Home Assistant discovers of it, over every connection -------
 
@@ -344,3 +351,373 @@ class BrokerLink:
         # With this set, publishing only queues, and does not write from within a callback or before `select` said so.
         client.on_socket_register_write = lambda *_: None
         return client
+
+
+# Messages between the threads that publish and the thread of a link, which alone speaks to paho ---
+
+
+# So many messages may lie between the threads. The thread that publishes more puts them into the outbox itself, within
+# its bounds: the link's thread may wait for a name server for minutes.
+INCOMING_MAX = 50
+
+# First levels of the topics of the link's own messages. A later run does not send them again.
+_OURS = frozenset({AVAILABILITY.first_level, RETAINED.first_level})
+
+# Room in a packet for what is neither payload nor topic.
+_HEADER_BYTES = 512
+
+
+class SendQueue:
+    """Takes messages from any thread at once, and hands them to paho in the link's.
+
+    The thread that publishes only lays a message down and wakes the link's thread, once for all that it finds then.
+    Packing a message takes paho ten times as long. The lock is never held while paho is called.
+
+    Attributes:
+        is_connected: Whether there is a broker to send to. Written by the link's thread.
+
+    Args:
+        base: The prefix of every topic that is not absolute.
+        events: Of the client that messages are handed to.
+    """
+
+    def __init__(self, base: str, events: LinkEvents) -> None:
+        self.is_connected = False
+        self._base = base
+        self._events = events
+        self._incoming: deque[tuple[Message, float]] = deque()
+        self._lock = threading.Lock()  # of the outbox, and of taking from `_incoming`
+        self._outbox = MemoryOutbox()
+        self._is_woken = False
+        self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+
+    def __del__(self) -> None:
+        """Close the bell; every thread that has the queue may ring it until then."""
+        os.close(self._bell)
+
+    @property
+    def dropped(self) -> int:
+        """Number of messages of QoS 0 that were dropped, and of states of QoS 1 that were replaced unsent."""
+        with self._lock:
+            self._take_in()
+            return self._outbox.dropped
+
+    @property
+    def given_up(self) -> int:
+        """Number of messages of QoS 1 that were given up. It is asked for in every cycle, and so it takes no lock."""
+        return self._outbox.given_up
+
+    def undelivered(self) -> tuple[Message, ...]:
+        """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first."""
+        with self._lock:
+            self._take_in()
+            undelivered = self._outbox.undelivered()
+        return tuple([each for each in undelivered if not (each.topic.partition("/")[0] in _OURS or each.is_absolute)])
+
+    def send(self, message: Message) -> None:
+        """Send a message, or let it wait (QoS 1), or drop and count it (QoS 0). Returns at once."""
+        self._incoming.append((message, time.monotonic()))
+        if len(self._incoming) > INCOMING_MAX:
+            with self._lock:
+                self._take_in()
+        if self.is_connected:
+            self.wake()
+
+    def send_now(self, message: DirectMessage, packet_max: int | None) -> bool:
+        """Send a message, or drop and count it; return whether the connection can take it. Returns at once."""
+        size = len(message.content) + len(message.topic.encode()) + _HEADER_BYTES
+        with self._lock:
+            self._take_in()
+            can_go = self.is_connected and self._outbox.has_room_on_wire and (not packet_max or size <= packet_max)
+            if can_go:
+                self._outbox.add(message, time.monotonic())
+            else:
+                self._outbox.drop()
+        self.wake()
+        return can_go
+
+    def wake(self) -> None:
+        """Wake the link's thread, unless it is about to look anyway."""
+        if not self._is_woken:
+            self._is_woken = True
+            os.eventfd_write(self._bell, 1)
+
+    # In the link's thread.
+
+    def loop(self, client: Client, wait_s: float) -> MQTTErrorCode:
+        """Wait until there is something to read, to write or to send, and have paho read and write.
+
+        It takes the place of paho's `loop`, which knows no bell and looks twice.
+        """
+        connection: Any = client.socket()  # it may be one of TLS
+        if connection is None:
+            return MQTTErrorCode.MQTT_ERR_NO_CONN
+        is_decrypted = getattr(connection, "pending", int)() > 0  # already, which `select` does not see
+        to_write = [connection] if client.want_write() else []
+        try:
+            found = select.select([connection, self._bell], to_write, [], 0.0 if is_decrypted else wait_s)
+        except (ValueError, OSError):  # it was closed
+            return MQTTErrorCode.MQTT_ERR_CONN_LOST
+        if self._bell in found[0]:
+            os.eventfd_read(self._bell)
+            self._is_woken = False
+        code = client.loop_read() if is_decrypted or connection in found[0] else MQTTErrorCode.MQTT_ERR_SUCCESS
+        return code or (client.loop_write() if found[1] else code) or client.loop_misc()
+
+    def connect(self) -> None:
+        """Note that there is a connection; what was of use before it only is dropped."""
+        with self._lock:
+            self._take_in()
+            self.is_connected = True
+
+    def disconnect(self) -> None:
+        """Note that there is no connection any more, and take back what may not have arrived."""
+        with self._lock:
+            self.is_connected = False
+            self._outbox.start_over()
+
+    def hand_over(self, client: Client, *first: Message, is_v5: bool) -> None:
+        """Give paho these messages, and then what waits and may go now."""
+        for message in first:
+            self._publish(client, pending(message, time.monotonic()), is_v5=is_v5)
+        while waiting := self._take():
+            self._publish(client, waiting, is_v5=is_v5)
+
+    def note_done(self) -> bool:
+        """Note what was written or answered; return whether nothing is left."""
+        with self._lock:
+            self._take_in()
+            for number, is_refused in self._events.take_done():
+                self._outbox.done(number, is_refused=is_refused)
+            return self._outbox.is_empty
+
+    def _take(self) -> PendingMessage | None:
+        with self._lock:
+            self._take_in()
+            return self._outbox.take(time.monotonic()) if self.is_connected else None
+
+    def _publish(self, client: Client, waiting: PendingMessage, *, is_v5: bool) -> None:
+        message = waiting.on_wire(time.monotonic())
+        try:
+            info = client.publish(
+                message.topic if message.is_absolute else f"{self._base}/{message.topic}",
+                message.content if isinstance(message, DirectMessage) else message.payload,
+                message.qos,
+                # Without the expiry of MQTT 5 a broker would show a stale value to newcomers for ever.
+                retain=message.retain and (is_v5 or message.expires_s is None),
+                properties=publish_properties(message) if is_v5 else None,
+            )
+        except ValueError as error:
+            self._events.note_unsendable(message.topic, error)
+            with self._lock:
+                self._outbox.refuse_taken(waiting)
+            return
+        with self._lock:
+            if message.qos == 0 and info.rc != MQTTErrorCode.MQTT_ERR_SUCCESS:
+                self._outbox.drop()
+            else:
+                self._outbox.sent(info.mid, waiting)
+
+    # With the lock held.
+
+    def _take_in(self) -> None:
+        while self._incoming:
+            message, at_s = self._incoming.popleft()
+            if message.qos or self.is_connected:
+                self._outbox.add(message, at_s)
+            else:
+                self._outbox.drop()
+
+
+# The topics on which other programs ask for something, and what of it must not be heeded ----------
+
+
+# A longer message is no request.
+REQUEST_MAX_BYTES = 4096
+
+# Requests that a topic takes at once, and how fast it takes more. More are counted, and not looked into.
+BURST = 16
+RATE_HZ = 10.0
+
+# A topic that more messages come on within a second is left for this long: even to read them takes the processor.
+FLOOD = 200
+LEFT_FOR_S = 10.0
+
+# With MQTT 3.1.1 a broker hears of no limit, and a kept message may come again with each subscription.
+OVERSIZED_MAX = 3
+
+# MQTT allows any number below 2**28. One that an earlier run has used would revive what was sent to that.
+_IDENTIFIERS = (1, 2**28 - 1)
+
+
+class _Intake(Struct):
+    """The messages that came on a topic of late.
+
+    Attributes:
+        left: How many more requests it may take now.
+        second: The second in which `count` messages came.
+        left_until_s: Until when it is not listened to.
+        is_subscribed: Whether we have subscribed to it over this connection.
+        refusal: Why the broker would not let us, in words.
+    """
+
+    left: float = BURST
+    at_s: float = -math.inf
+    second: int = 0
+    count: int = 0
+    left_until_s: float = -math.inf
+    is_subscribed: bool = False
+    refusal: str = ""
+
+    def has_room(self, now_s: float) -> bool:
+        """Note a message, and return whether it may be looked into."""
+        if int(now_s) != self.second:
+            self.second, self.count = int(now_s), 0
+        self.count += 1
+        if self.count > FLOOD:
+            self.left_until_s = now_s + LEFT_FOR_S
+        self.left = min(BURST, self.left + (now_s - self.at_s) * RATE_HZ)
+        self.at_s = now_s
+        if self.left < 1:
+            return False
+        self.left -= 1
+        return True
+
+
+class RequestTopics:
+    """Knows which topics to subscribe to, and judges what comes on them. Used in the link's thread, save `trouble`.
+
+    With MQTT 5, a message that the broker kept for us while we were away carries the identifier of a subscription of
+    then. With 3.1.1 no session is kept, so there is none.
+
+    Args:
+        topics: Below the base topic.
+        receive: Takes every message that comes on them; it neither waits nor fails.
+    """
+
+    def __init__(
+        self, options: MqttSettings, topics: Collection[str], receive: Callable[[RequestMessage], None]
+    ) -> None:
+        self._options = options
+        self._receive = receive
+        self._intakes = {f"{options.base}/{topic}": _Intake() for topic in topics}
+        self._asked: dict[int, Sequence[str]] = {}
+        self._trouble = ""
+        self.identifier: int | None = None
+
+    def begin_over(self, events: LinkEvents, *, is_v5: bool) -> None:
+        """Begin anew over a connection, unless its broker is none to be listened to."""
+        trouble = ""
+        if events.oversized_packets >= OVERSIZED_MAX:
+            trouble = (
+                f"{self._options.place} sent {OVERSIZED_MAX} messages that are too large, so commands are not heard "
+                "until this program is started anew; clear kept messages on its topics of requests"
+            )
+        elif is_v5 and not events.has_identifiers:
+            trouble = (
+                f"{self._options.place} cannot mark old messages (no subscription identifiers), so commands are not "
+                "heard; set protocol to '3.1.1'"
+            )
+        self.begin(is_v5=is_v5, trouble=trouble)
+
+    def attend(self, client: Client, events: LinkEvents) -> None:
+        """Subscribe to the topics of requests, leave those that are flooded, and take note of the broker's answers."""
+        for number, codes in events.take_subscribed():
+            self.note_answer(number, codes)
+        new, flooded = self.due(time.monotonic())
+        if new:
+            self.note_asked(subscribe(client, new, self.identifier), new)
+        if flooded:
+            client.unsubscribe(flooded)
+
+    def begin(self, *, is_v5: bool, trouble: str = "") -> None:
+        """Begin anew over another connection; with a trouble, nothing is subscribed to over it."""
+        self.identifier = random.randint(*_IDENTIFIERS) if is_v5 else None  # noqa: S311 - it is no secret
+        self._trouble = trouble
+        self._asked.clear()
+        for intake in self._intakes.values():
+            intake.is_subscribed, intake.refusal = False, ""
+
+    def due(self, now_s: float) -> tuple[list[str], list[str]]:
+        """Return which topics to subscribe to now, and which to leave."""
+        if self._trouble:
+            return [], []
+        new: list[str] = []
+        flooded: list[str] = []
+        for topic, intake in self._intakes.items():
+            is_left = now_s < intake.left_until_s
+            if intake.is_subscribed is is_left:
+                (flooded if is_left else new).append(topic)
+                intake.is_subscribed = not is_left
+        return new, flooded
+
+    def note_asked(self, number: int | None, topics: Sequence[str]) -> None:
+        """Note that topics were subscribed to, and by which number the broker will answer."""
+        if number is not None:
+            self._asked[number] = topics
+
+    def note_answer(self, number: int, codes: Sequence[ReasonCode]) -> None:
+        """Note the broker's answer."""
+        for topic, code in zip(self._asked.pop(number, ()), codes, strict=False):
+            self._intakes[topic].refusal = str(code) if code.is_failure else ""
+
+    def hear(self, message: MQTTMessage) -> None:
+        """Take in a message; what comes on another topic, such as one of an earlier run, is passed over."""
+        intake = self._intakes.get(message.topic)
+        if intake is None:
+            return
+        now_s = time.monotonic()
+        refusal = self._refusal(message, intake, now_s)
+        properties = message.properties
+        received = RequestMessage(
+            topic=message.topic.removeprefix(f"{self._options.base}/"),
+            payload=bytes(message.payload) if len(message.payload) <= REQUEST_MAX_BYTES else b"",
+            at_s=now_s,
+            refusal=refusal,
+            response_topic=self._usable(getattr(properties, "ResponseTopic", "")),
+            correlation=getattr(properties, "CorrelationData", None),
+        )
+        self._receive(received)
+
+    def trouble(self) -> str:
+        """Return why requests are not heard, or an empty string. May be called from any thread."""
+        if self._trouble:
+            return self._trouble
+        now_s = time.monotonic()
+        refused = {topic: intake.refusal for topic, intake in self._intakes.items() if intake.refusal}
+        if refused:
+            return describe_deafness(self._options, list(refused), next(iter(refused.values())))
+        flooded = [topic for topic, intake in self._intakes.items() if now_s < intake.left_until_s]
+        if flooded:
+            return f"more than {FLOOD} messages within a second came on '{flooded[0]}': it is not listened to for 10 s"
+        return ""
+
+    def _refusal(self, message: MQTTMessage, intake: _Intake, now_s: float) -> NoRequest | None:
+        if not intake.has_room(now_s):
+            return "too_many"
+        if message.retain:
+            return "retained"
+        if self.identifier is not None and self.identifier not in _identifiers(message):
+            return "stale"
+        return "too_large" if len(message.payload) > REQUEST_MAX_BYTES else None
+
+    def _usable(self, topic: str) -> str:
+        """Return a response topic if it can be one: with no wildcard, and none that this program or a broker owns."""
+        base = self._options.base
+        is_ours = topic == base or topic.startswith(f"{base}/")
+        is_allowed = not is_ours or topic.startswith(f"{base}/response/")
+        return topic if is_allowed and topic[:1] != "$" and not any(each in topic for each in "+#\0") else ""
+
+
+def describe_deafness(options: MqttSettings, topics: Sequence[str], why: str) -> str:
+    """Say that the broker lets us subscribe to no requests on some topics."""
+    more = f" and {len(topics) - 1} more" if len(topics) > 1 else ""
+    return (
+        f"{options.place} refused the subscription to '{topics[0]}'{more} ({why}), so commands are not heard; "
+        "check the broker's access list"
+    )
+
+
+def _identifiers(message: MQTTMessage) -> Sequence[int]:
+    found: Sequence[int] = getattr(message.properties, "SubscriptionIdentifier", ())
+    return found

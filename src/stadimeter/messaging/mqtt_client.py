@@ -1,26 +1,39 @@
-"""Parts an MQTT messenger needs to connect: its options, and paho's client with login, encryption and last will."""
+"""A client of MQTT before anything is sent: its options and secrets, paho itself, and the events of a connection."""
 
 from __future__ import annotations
 
+import hashlib
 import re
 import socket
 import ssl
-from collections.abc import Collection
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from paho.mqtt.client import Client
+from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode, MQTTProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 from pydantic import AfterValidator, Field, model_validator
 
 from stadimeter.config.plugins import DriverOptions
 from stadimeter.config.units import Duration, FilePath
+from stadimeter.config.untrusted_file import (
+    CERTIFICATES_MAX_BYTES,
+    SECRET_MAX_BYTES,
+    read_untrusted,
+    read_untrusted_text,
+)
 from stadimeter.core.home_assistant import DiscoveryPlace
-from stadimeter.core.message import Message
-from stadimeter.messaging.outbox import DirectMessage
+from stadimeter.core.message import AVAILABILITY, RETAINED, Message
+from stadimeter.errors import DeviceOpenError, UnreadableError
+from stadimeter.messaging.outbox import PAGES_MAX, DirectMessage
 from stadimeter.messaging.protocol import CommandLevel
 
 NODE_CHARACTERS = "letters, digits, '-' and '_'"
@@ -148,7 +161,7 @@ class MqttSettings(DriverOptions):
     @property
     def retained_topic(self) -> str:
         """Topic of the list of retained topics, below the base topic, which several nodes may share."""
-        return f"retained/{self.node}"
+        return f"{RETAINED.first_level}/{self.node}"
 
     @property
     def retained_page_bytes(self) -> int:
@@ -188,8 +201,8 @@ LISTENING_PACKET_MAX = 16_384
 # Read without a look at the clock.
 LISTENING_PACKETS_MAX = 500
 
-ONLINE = Message(topic="availability", payload="online", qos=1, retain=True)
-OFFLINE = Message(topic="availability", payload="offline", qos=1, retain=True)
+ONLINE = Message(topic=AVAILABILITY.path, payload="online", qos=1, retain=True)
+OFFLINE = Message(topic=AVAILABILITY.path, payload="offline", qos=1, retain=True)
 
 
 class OversizedPacketError(Exception):
@@ -340,3 +353,317 @@ def _properties(packet_type: int, **values: int | str | bytes) -> Properties:
     for name, value in values.items():
         setattr(properties, name, value)
     return properties
+
+
+# The files that the configuration names: the password, certificates and keys -----------------------
+
+
+def read_secrets(options: MqttSettings) -> Secrets:
+    """Read the files that the configuration names; raises `DeviceOpenError` for one that is of no use."""
+    password = _read_password(options.password_file) if options.password_file else None
+    tls = _tls_context(options) if options.tls else None
+    known = password.encode() if password is not None else b""
+    if tls is not None and (key_file := options.key_file or options.certificate_file) is not None:
+        known = read_untrusted(key_file, CERTIFICATES_MAX_BYTES)
+    return Secrets(password=password, tls=tls, client_suffix=_client_suffix(known, options.client_id))
+
+
+def _client_suffix(known: bytes, client_id: str) -> str:
+    """Make a suffix of a secret that tells nothing of it: a broker logs client ids. Takes 10 ms on a PC."""
+    if not known:
+        return ""
+    return "-" + hashlib.scrypt(known, salt=client_id.encode(), n=4096, r=8, p=1, dklen=6).hex()
+
+
+def _read_password(file: Path) -> str:
+    try:
+        lines = read_untrusted_text(file, SECRET_MAX_BYTES).splitlines()
+    except UnreadableError as error:
+        raise DeviceOpenError(f"password_file {file} cannot be read: {error.reason}") from error
+    if not lines or not lines[0]:
+        raise DeviceOpenError(f"password_file {file} has no password on its first line")
+    return lines[0]
+
+
+def _tls_context(options: MqttSettings) -> ssl.SSLContext:
+    context = _trusting(options.ca_file)
+    if options.certificate_file is not None:
+        _identify(context, options.certificate_file, options.key_file)
+    context.sslsocket_class = _TidySocket
+    return context
+
+
+def _identify(context: ssl.SSLContext, certificate_file: Path, key_file: Path | None) -> None:
+    def refuse_passphrase() -> str:
+        raise DeviceOpenError(f"key_file {key_file} needs a passphrase, and no person is there to type it; remove it")
+
+    try:
+        context.load_cert_chain(certificate_file, key_file, refuse_passphrase)
+    except ssl.SSLError as error:
+        reason = f"is of no use with key_file {key_file} ({error.reason or error})"
+        raise DeviceOpenError(f"certificate_file {certificate_file} {reason}") from error
+    except OSError as error:
+        raise DeviceOpenError(
+            f"certificate_file {certificate_file} or key_file {key_file} cannot be read: {error.strerror or error}"
+        ) from error
+
+
+def _trusting(ca_file: Path | None) -> ssl.SSLContext:
+    try:
+        # Remarks between the certificates may be in any alphabet.
+        text = read_untrusted(ca_file, CERTIFICATES_MAX_BYTES).decode("ascii", "ignore") if ca_file else None
+        return ssl.create_default_context(cadata=text)
+    except UnreadableError as error:
+        raise DeviceOpenError(f"ca_file {ca_file} cannot be read: {error.reason}") from error
+    except (ssl.SSLError, ValueError) as error:
+        reason = getattr(error, "reason", None) or str(error)
+        raise DeviceOpenError(f"ca_file {ca_file} holds no certificate that can be used ({reason})") from error
+
+
+class _TidySocket(ssl.SSLSocket):
+    """Closes itself when the handshake fails, which paho leaves to the garbage collector."""
+
+    def do_handshake(self, block: bool = False) -> None:
+        try:
+            super().do_handshake(block)
+        except OSError:
+            self.close()
+            raise
+
+
+# The events of a connection to a broker, as paho reports them, and their messages for people ------
+
+
+# A connection that ends sooner is not taken for a sign that all is well.
+STABLE_S = 10.0
+
+# After this many connections in a row that ended soon, two programs with one name are suspected.
+SUSPICIOUS = 3
+
+
+# Takes a message of a topic that was subscribed to. It is called in the link's thread, within paho's loop.
+Handler = Callable[[MQTTMessage], None]
+
+
+class LinkEvents:
+    """Collects the events of paho's callbacks, without a lock.
+
+    All callbacks come in the link's thread, within paho's loop, and so does every call here, save that `refusal` may
+    be read by any thread.
+
+    Attributes:
+        ending: Why the newest attempt to connect failed, or the connection ended, in words.
+        suspects_version: Whether the broker seems not to speak the version of MQTT that was tried.
+        was_taken_over: Whether another program with our client id took our place.
+        oversized_packets: How often the other side announced more than a broker has to say to us.
+        refusal: Why the broker would not take a message over this connection, in words.
+        subscribed_at_s: When the broker answered our subscriptions, by the number of each.
+        handlers: Who takes the messages of a topic.
+        packet_max: The largest packet that the broker takes; None if it does not say.
+        has_identifiers: Whether the broker marks messages with the subscription that they come from.
+
+    Args:
+        hear: Takes a message that is no page of the list and has no handler, within paho's loop.
+    """
+
+    def __init__(self, options: MqttSettings, hear: Callable[[MQTTMessage], None] = lambda _message: None) -> None:
+        self._options = options
+        self._hear = hear
+        self._page_topic = f"{options.base}/{options.retained_topic}/"
+        self._answered: deque[tuple[int, list[ReasonCode]]] = deque()
+        self._done: deque[tuple[int, bool]] = deque()
+        self._short_lives = 0
+        self._was_ever_accepted = False
+        self._pages: deque[tuple[str, bytes]] = deque(maxlen=PAGES_MAX)
+        self.oversized_packets = 0
+        self.refusal = ""
+        self.handlers: dict[str, Handler] = {}
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget the last attempt to connect; another begins."""
+        self.ending = ""
+        self.suspects_version = False
+        self.was_taken_over = False
+        self.subscribed_at_s: dict[int | None, float] = {}
+        self.packet_max: int | None = None
+        self.has_identifiers = True
+        self._pages.clear()
+        self._answered.clear()
+        self._accepted_at_s: float | None = None
+        self._stood_s = 0.0
+
+    @property
+    def is_accepted(self) -> bool:
+        """True if the broker accepted us in this attempt."""
+        return self._accepted_at_s is not None
+
+    @property
+    def was_stable(self) -> bool:
+        """True if the connection that ended had stood for a good while."""
+        return self._stood_s > STABLE_S
+
+    def listen_to(self, client: Client) -> None:
+        """Have a client tell us."""
+        client.on_connect = self._on_connect
+        client.on_disconnect = self._on_disconnect
+        client.on_publish = self._on_publish
+        client.on_subscribe = self._on_subscribe
+        client.on_message = self._on_message
+
+    def note_connect_error(self, error: OSError) -> None:
+        """Note that there is no connection at all."""
+        self.ending = describe_connect_error(self._options, error)
+
+    def note_no_answer(self) -> None:
+        """Note that the broker took the connection and then said nothing."""
+        self.ending = describe_silence(self._options, had_answered=False)
+        self.suspects_version = not self._was_ever_accepted
+
+    def note_oversized_packet(self) -> None:
+        """Note that the other side announced more than a broker has to say to us."""
+        self.oversized_packets += 1
+        if not self.is_accepted:
+            self.note_nonsense()
+        else:
+            self.ending = f"{self._options.place} sent a message that is too large to be an answer to this program"
+
+    def note_nonsense(self) -> None:
+        """Note that the other side sent what is not MQTT."""
+        self.ending = describe_non_mqtt(self._options)
+        self.suspects_version = not self._was_ever_accepted
+
+    def note_unsendable(self, topic: str, error: ValueError) -> None:
+        """Note that a message cannot be packed, such as one whose text is no Unicode."""
+        self.refusal = f"a message for '{topic[:200]}' cannot be sent: {error}"
+
+    def take_done(self) -> Iterator[tuple[int, bool]]:
+        """Yield, once each, the messages that were written (QoS 0) or answered (QoS 1): number, and if refused."""
+        while self._done:
+            yield self._done.popleft()
+
+    def take_subscribed(self) -> Iterator[tuple[int, list[ReasonCode]]]:
+        """Yield, once each, the broker's answers to subscriptions to requests: number, and a code for each topic."""
+        while self._answered:
+            yield self._answered.popleft()
+
+    def take_pages(self) -> Iterator[tuple[str, bytes]]:
+        """Yield, once each, the messages that came: the last part of the topic, and the payload."""
+        while self._pages:
+            yield self._pages.popleft()
+
+    def _on_connect(self, _client: Client, _data: Any, _flags: ConnectFlags, reason: ReasonCode, more: Any) -> None:
+        if reason.is_failure:
+            self.ending = describe_refusal(self._options, reason)
+            self.suspects_version = reason.value == UNSUPPORTED_VERSION
+            return
+        self._accepted_at_s = time.monotonic()
+        self._was_ever_accepted = True
+        self.refusal = ""
+        self.packet_max = getattr(more, "MaximumPacketSize", None)
+        self.has_identifiers = bool(getattr(more, "SubscriptionIdentifierAvailable", 1))
+
+    def _on_disconnect(
+        self, _client: Client, _data: Any, flags: DisconnectFlags, reason: ReasonCode, _more: Any
+    ) -> None:
+        if self._accepted_at_s is not None:
+            self._stood_s = time.monotonic() - self._accepted_at_s
+            self._short_lives = 0 if self.was_stable else self._short_lives + 1
+        if self.ending:
+            return
+        # Few brokers say that two programs take the connection from each other, and with MQTT 3.1.1 none can.
+        guess = f" (does another program use the client id '{self._options.client_id}'?)"
+        guess = guess if self._short_lives >= SUSPICIOUS else ""
+        if flags.is_disconnect_packet_from_server:
+            self.was_taken_over = reason.value == TAKEN_OVER
+            self.ending = describe_disconnect(self._options, reason) + ("" if self.was_taken_over else guess)
+            return
+        self.suspects_version = not self._was_ever_accepted
+        self.ending = describe_loss(self._options, reason, had_answered=self.is_accepted) + guess
+
+    def _on_publish(self, _client: Client, _data: Any, number: int, reason: ReasonCode, _more: Any) -> None:
+        if reason.is_failure:
+            place = self._options.discovery_place
+            or_to = f" or to '{place.topic}'" if place is not None else ""
+            below = f"a message below '{self._options.base}'{or_to} ({reason})"
+            self.refusal = f"{self._options.place} refused {below}; check the broker's access list"
+        self._done.append((number, reason.is_failure))
+
+    def _on_subscribe(self, _client: Client, _data: Any, number: int, codes: list[ReasonCode], _more: Any) -> None:
+        self.subscribed_at_s[number] = time.monotonic()
+        self._answered.append((number, codes))
+
+    def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
+        with suppress(UnicodeDecodeError):
+            if message.topic.startswith(self._page_topic):
+                self._pages.append((message.topic.rpartition("/")[2], bytes(message.payload)))
+            else:
+                self.handlers.get(message.topic, self._hear)(message)
+
+
+UNSUPPORTED_VERSION = 0x84
+BAD_LOGIN = 0x86
+NOT_AUTHORISED = 0x87
+NO_MQTT = 0x82
+KEEPALIVE = 0x8D
+TAKEN_OVER = 0x8E
+
+
+def describe_connect_error(options: MqttSettings, error: OSError) -> str:
+    """Say why there is no connection at all, in one line."""
+    place = options.place
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return f"the certificate of {place} is not trusted: {error.verify_message}; name its authority in ca_file"
+    if isinstance(error, socket.gaierror):
+        return f"no address is known for the host '{options.host}' ({error.strerror})"
+    if isinstance(error, ConnectionRefusedError):
+        return f"{place} refused the connection (is a broker running there?)"
+    return f"{place} {_trouble(error)}" + (" (is this its port for TLS?)" if options.tls else "")
+
+
+def _trouble(error: OSError) -> str:
+    if isinstance(error, TimeoutError):
+        return "does not answer"
+    if isinstance(error, ConnectionResetError):
+        return "hung up without an answer"
+    if isinstance(error, ssl.SSLError):
+        return f"does not speak TLS as expected: {error.strerror or error}"
+    return f"cannot be reached: {error.strerror or error}"
+
+
+def describe_refusal(options: MqttSettings, reason: ReasonCode) -> str:
+    """Say why the broker would not have us."""
+    if reason.value in {NOT_AUTHORISED, BAD_LOGIN}:
+        who = f"the login of '{options.username}'" if options.username else "a connection without a login"
+        return f"{options.place} refused {who} ({reason}); check username and password_file"
+    if reason.value == UNSUPPORTED_VERSION:
+        return f"{options.place} does not speak MQTT {options.protocol}; set protocol to 'auto'"
+    return f"{options.place} refused the client '{options.client_id}' ({reason})"
+
+
+def describe_disconnect(options: MqttSettings, reason: ReasonCode) -> str:
+    """Say why the broker ended the connection."""
+    if reason.value == TAKEN_OVER:
+        return f"another program uses the client id '{options.client_id}' at {options.place}; give each its own node"
+    return f"{options.place} ended the connection ({reason})"
+
+
+def describe_loss(options: MqttSettings, reason: ReasonCode, *, had_answered: bool) -> str:
+    """Say how a connection ended without a word from the broker."""
+    if reason.value == KEEPALIVE:
+        return describe_silence(options, had_answered=had_answered)
+    if reason.value == NO_MQTT:
+        return describe_non_mqtt(options)
+    if not had_answered:
+        return f"{options.place} hung up without an answer (is it an MQTT broker, with TLS as configured?)"
+    return f"the connection to {options.place} was lost"
+
+
+def describe_non_mqtt(options: MqttSettings) -> str:
+    """Say, in one line, that what was received is not MQTT."""
+    return f"{options.place} does not answer as an MQTT broker does"
+
+
+def describe_silence(options: MqttSettings, *, had_answered: bool) -> str:
+    """Say that the broker says nothing."""
+    return f"{options.place} has stopped answering" if had_answered else f"{options.place} does not answer"

@@ -19,7 +19,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.decision import Severity
 from stadimeter.core.home_assistant import Announcement, announce, is_entry
-from stadimeter.core.message import KEPT_S, NEWS_S, Message, as_history, clearing
+from stadimeter.core.message import KEPT_S, NEWS_S, Message, as_history, clearing, may_be_cleared
 
 
 class DirectMessage(Message, frozen=True, kw_only=True):
@@ -224,12 +224,6 @@ class MemoryOutbox:
 # No more is read of a list, nor written: that many pages hold over a thousand rules.
 PAGES_MAX = 200
 
-# Topics of the program that are no rule's; see `stadimeter.config.rules.action_tables.OWN_TOPICS`.
-_OF_RULE = re.compile(r"rule/[^/]+/(?:state|availability|settings)")
-_OWN = re.compile(
-    r"(?:availability|camera|event|health|info|request|response|retained|rule|snapshot|target)(?:/.*)?", re.DOTALL
-)
-
 
 class RetainedList:
     """The topics whose messages a broker keeps of this node, as pages of JSON that are small enough to be read back.
@@ -344,4 +338,4 @@ def _may_be_cleared(topic: str) -> bool:
     """Check whether it is a topic, and one that may be cleared."""
     if re.search(r"[+#]", topic) or not topic.strip("/"):
         return False
-    return bool(_OF_RULE.fullmatch(topic)) or not _OWN.fullmatch(topic)
+    return may_be_cleared(topic)

@@ -13,9 +13,9 @@ from typing import Annotated, Any, TypeVar
 import msgspec
 from msgspec import Meta, Struct, field
 
-from stadimeter.app.reporting import EXPIRES_S, HEARTBEAT_S
 from stadimeter.core.bounds import MAX_LENGTH_M
 from stadimeter.core.decision import Severity
+from stadimeter.core.message import EXPIRES_S, HEARTBEAT_S
 from stadimeter.core.words import one_line
 from stadimeter.messaging.protocol import Received
 

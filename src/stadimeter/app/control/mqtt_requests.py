@@ -19,6 +19,7 @@ from msgspec import Struct
 
 from stadimeter.app.control.messages import FrameArgs, Reply, Request, Transaction, parse_flat_request, transaction_of
 from stadimeter.app.control.socket_server import Asked, make_reply
+from stadimeter.core.message import REQUEST, RESPONSE, SNAPSHOT
 from stadimeter.errors import ControlError
 from stadimeter.messaging.protocol import RequestMessage, TakesRequests
 from stadimeter.operator_actions import SWITCHES, OperatorAction
@@ -34,8 +35,6 @@ TOO_MANY_EVERY_S = 1.0
 
 RESPONSE_MAX_BYTES = 64 * 1024
 PICTURE_MAX_BYTES = 1024 * 1024
-
-SNAPSHOT = "snapshot"
 
 
 class _Offer(Struct, frozen=True):
@@ -59,7 +58,7 @@ OFFERS: Mapping[str, _Offer] = {
     },
     **{op: _Offer(op) for op in ("status", "alarms", "explain", "calibrate")},
     **{op: _Offer(op, needs_all=True) for op in ("record", "reload")},
-    SNAPSHOT: _Offer("frame", needs_all=True),
+    SNAPSHOT.path: _Offer("frame", needs_all=True),
     **{switch: _Offer(off.command) for switch, (_, off) in SWITCHES.items()},
 }
 
@@ -109,8 +108,8 @@ class MqttRequests:
     def open(self) -> None:
         """Begin to listen; the messenger must not be open yet."""
         may_all = self._messenger.commands == "all"
-        offered = [f"request/{name}" for name, offer in OFFERS.items() if may_all or not offer.needs_all]
-        self._messenger.listen([f"request/{name}" for name in OFFERS], offered, self.receive)
+        offered = [REQUEST.of(name) for name, offer in OFFERS.items() if may_all or not offer.needs_all]
+        self._messenger.listen(list(map(REQUEST.of, OFFERS)), offered, self.receive)
         self._thread.start()
 
     def close(self) -> None:
@@ -222,7 +221,7 @@ class MqttRequests:
 
     def _respond(self, message: RequestMessage, line: bytes) -> None:
         self._finished[message.topic] += 1
-        self._messenger.respond(message, f"response/{message.topic.partition('/')[2]}", line)
+        self._messenger.respond(message, RESPONSE.of(message.topic.partition("/")[2]), line)
 
     def _show_picture(self, request: Request) -> Reply:
         """Send the newest frame to its topic."""
@@ -234,9 +233,9 @@ class MqttRequests:
         size = len(reply.attached)
         if size > PICTURE_MAX_BYTES:
             return Reply(error=f"the picture has {size} bytes, more than {PICTURE_MAX_BYTES}; lower its quality")
-        if not self._messenger.show(SNAPSHOT, bytes(reply.attached), "image/jpeg"):
+        if not self._messenger.show(SNAPSHOT.path, bytes(reply.attached), "image/jpeg"):
             return Reply(error=f"the broker does not take a picture of {size} bytes now")
-        return Reply({"topic": SNAPSHOT, "bytes": size, **reply.data})
+        return Reply({"topic": SNAPSHOT.path, "bytes": size, **reply.data})
 
 
 def _switched(message: RequestMessage) -> tuple[str, bytes] | None:

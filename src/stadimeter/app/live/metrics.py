@@ -17,7 +17,6 @@ from stadimeter.app.live.health import CONNECTED, LiveHealth
 from stadimeter.app.live.history import RunHistory
 from stadimeter.app.live.snapshot import LiveFeed
 from stadimeter.app.live.snapshot_json import SAMPLES_AT_ONCE
-from stadimeter.app.reporting import active_or_unknown
 from stadimeter.core.decision import EventKind, RuleStatus, SafetyMode
 from stadimeter.core.measurement import TrackStatus
 
@@ -123,7 +122,7 @@ def _targets(record: CycleRecord) -> Iterator[Family]:
 
 def _rules(record: CycleRecord) -> Iterator[Family]:
     rules = [({"rule": each.rule}, each) for each in record.decision.rules]
-    active = [(labels, active_or_unknown(each)) for labels, each in rules]
+    active = [(labels, each.active_or_unknown) for labels, each in rules]
     yield _labelled("rule_active", "Whether a rule is active; absent while that is unknown.", active)
     statuses = [(labels, each.status) for labels, each in rules]
     yield _states("rule_status", "What a rule is doing.", "status", RuleStatus, statuses)

@@ -14,18 +14,13 @@ from stadimeter.config.rules.condition_tables import WhenTable
 from stadimeter.config.units import Angle, AngleOrZero, Duration, Length, LengthOrZero, Speed, TurnRate
 from stadimeter.core import rule, templates
 from stadimeter.core.decision import Severity
+from stadimeter.core.message import OWN_FIRST_LEVELS
 
 # A level changes with a frame at the earliest: at 30 frames a second a shorter one may be passed over.
 MIN_STEP_S = 0.05
 
 # Greatest depth of lists and tables in a JSON template.
 JSON_MAX_DEPTH = 20
-
-# First words of the topics that the program itself publishes below its base topic.
-OWN_TOPICS = (
-    "availability", "camera", "event", "health", "info", "request", "response", "retained",
-    "figure", "rule", "snapshot", "target",
-)  # fmt: skip
 
 DEFAULT_TITLE = "{rule}: {event}"
 DEFAULT_TEXT = "{reason}"
@@ -138,7 +133,7 @@ def _check_topic(topic: str) -> str:
     if not topic or topic[0] in "/$" or topic[-1] == "/" or re.search(r"[+#\s\x00{}]", topic):
         raise ValueError(f"{topic!r} is not a topic; write it such as 'door/alert', without '+', '#', gaps or spaces")
     first = topic.partition("/")[0]
-    if first in OWN_TOPICS:
+    if first in OWN_FIRST_LEVELS:
         raise ValueError(f"{topic!r}: topics below '{first}' are the program's own; choose another")
     return topic
 

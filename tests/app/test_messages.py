@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 import stadimeter
-from stadimeter.app.reporting import Reporter, is_state
+from stadimeter.app.messages import Reporter
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.measurement import Track, TrackStatus
-from stadimeter.core.message import Message
+from stadimeter.core.message import OWN_TOPICS, Message, is_state
 from stadimeter.core.rule import AlarmRule, EscalationStep, Rule, Send, Template
 from support.each_case import each_case
 
@@ -445,6 +445,20 @@ def test_what_runs_is_kept_by_the_broker_and_is_no_event_that_a_later_run_sends_
         "boot_id": "boot",
     }
     assert is_state(message)
+
+
+@each_case("topic", ["information/door", "camera-alarm", "my/info"])
+def test_a_message_of_one_s_own_is_no_state_whatever_its_topic_begins_with(topic):
+    assert not is_state(Message(topic=topic, payload="x", qos=1))
+
+
+def test_the_documentation_lists_every_topic_as_it_is_sent():
+    page = (Path(__file__).parents[2] / "docs" / "mqtt.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"\| topic \| QoS \| kept by the broker \| when \|\n\|[- |]+\|\n((?:\|.*\n)+)", page)
+    rows = [[cell.strip(" `") for cell in row.split("|")[1:4]] for row in table.splitlines()]
+    kept = {"yes": (True, None), "MQTT 5: for 10 s": (True, 10), "no": (False, None), "never": (False, None)}
+    found = {(re.sub("<[a-z]+>", "*", path), int(qos), *kept[words]) for path, qos, words in rows if words in kept}
+    assert found == {(each.path, each.qos, each.retain, each.expires_s) for each in OWN_TOPICS}
 
 
 def read(message: Message) -> dict[str, Any]:

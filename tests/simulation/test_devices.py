@@ -4,7 +4,7 @@ import pytest
 
 from stadimeter.config.plugins import ACTUATORS
 from stadimeter.core.command import LevelCommand
-from stadimeter.simulation.actuator import LevelChange
+from stadimeter.simulation.devices import LevelChange
 
 
 def command(level: float) -> LevelCommand:
