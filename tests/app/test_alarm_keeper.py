@@ -273,3 +273,13 @@ def test_what_a_run_takes_over_is_text_that_gives_the_same_again(path):
     assert read_state(state_text(resumed), new).rules.steps == resumed.rules.steps != new.rules.steps
     with pytest.raises(StateError, match="not the state of a run"):
         read_state('{"alarms": 7}', new)
+
+
+def test_a_recording_that_begins_while_a_moved_camera_is_not_confirmed_knows_that():
+    from stadimeter.app.persistence.resumption import read_state, state_text
+
+    new = Rehearsal(plan_of(NEAR)).state
+    moved = replace(new, is_mounting_unconfirmed=True, events=3, disarmed="by Ann")
+    known = read_state(state_text(moved), new)
+    assert known.is_mounting_unconfirmed
+    assert (known.events, known.disarmed) == (3, "by Ann")

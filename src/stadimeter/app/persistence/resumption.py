@@ -163,28 +163,22 @@ class _RunState(Struct, frozen=True, kw_only=True):
     motions: tuple[TransverseMotion, ...] = ()
     raised_at_s: Mapping[str, float] = field(default_factory=dict)
     figures: Mapping[str, Summary] = field(default_factory=dict)
+    is_mounting_unconfirmed: bool = False
+
+
+# What is written as it is in a state: all but the plan and what goes by its rules and figures.
+_AS_IT_IS = tuple(
+    name for name in _RunState.__struct_fields__ if hasattr(State, name) and name not in {"rules", "figures"}
+)
 
 
 def state_text(state: State) -> str:
     """Return the state of a run as text, for a recording that begins with it."""
     run = _RunState(
-        now_s=state.now_s,
-        usual_step_s=state.usual_step_s,
-        tracks=state.tracks,
+        **{name: getattr(state, name) for name in _AS_IT_IS},
         rules=tuple(_RuleMemory.of(rule, step) for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)),
         first_out=state.rules.first_out,
         raised_at_s=state.rules.raised_at_s,
-        safety=state.safety,
-        outputs=state.outputs,
-        faults=state.faults,
-        events=state.events,
-        due=state.due,
-        holds=state.holds,
-        stopped=state.stopped,
-        disagreeing=state.disagreeing,
-        disarmed=state.disarmed,
-        liveness=state.liveness,
-        motions=state.motions,
         figures={meaning_of(each): kept for each, kept in zip(state.plan.figures, state.figures, strict=True)},
     )
     return encode(run).decode()
@@ -215,25 +209,14 @@ def read_state(text: str, state: State) -> State:
     names = {rule.name for rule in plan.rules}
     first_out = {group: name for group, name in was.first_out.items() if name in names}
     rules = with_steps(plan, steps, first_out, was.raised_at_s)
-    return replace(
-        state,
-        now_s=was.now_s,
-        usual_step_s=was.usual_step_s,
-        tracks=tuple(tracks.get(new.track.target, new) for new in state.tracks),
-        rules=rules,
-        safety=was.safety,
-        outputs=tuple(_like(outputs.get(new.command.output), new) for new in state.outputs),
-        faults=was.faults,
-        events=was.events,
-        due=was.due,
-        holds=was.holds,
-        stopped=was.stopped,
-        disagreeing=was.disagreeing,
-        disarmed=was.disarmed,
-        liveness=was.liveness,
-        motions=motions_for(rules.layout.motions, was.motions),
-        figures=tuple(was.figures.get(meaning_of(figure), Summary()) for figure in plan.figures),
-    )
+    by_plan: dict[str, Any] = {
+        "tracks": tuple(tracks.get(new.track.target, new) for new in state.tracks),
+        "rules": rules,
+        "outputs": tuple(_like(outputs.get(new.command.output), new) for new in state.outputs),
+        "motions": motions_for(rules.layout.motions, was.motions),
+        "figures": tuple(was.figures.get(meaning_of(figure), Summary()) for figure in plan.figures),
+    }
+    return replace(state, **{name: getattr(was, name) for name in _AS_IT_IS} | by_plan)
 
 
 def _like(was: OutputStep | None, new: OutputStep) -> OutputStep:
