@@ -120,7 +120,7 @@ def test_a_night_is_read_by_each_level_and_a_glimpse_of_a_second_is_in_all(rig):
     for second in range(4000):
         rig.see(0.3 if second == 2000 else 2.0, RuleStatus.ACTIVE if second == 2000 else RuleStatus.IDLE, for_s=1.0)
         rig.keeper.step()
-    rig.keeper.step(is_end=True)
+    rig.keeper.finish()
     for step_s in (*LEVELS_S, 30, 3600):
         rows = rig.rows(step_s)
         assert len(rows) == math.ceil(4000 / step_s)

@@ -86,8 +86,53 @@ def log_files(path: Path) -> list[Path]:
     return [name for name in reversed(names) if name.is_file()]
 
 
-class EventLog:
-    """Writes the log of one run. Called after each cycle, as a listener of the loop, which never waits for the disk.
+class KeptPast:
+    """A part of a run's past. It gathers in memory, and a thread writes it: the loop never waits for the disk."""
+
+    def __init__(self) -> None:
+        self._trouble = ""
+        self._ended = threading.Event()
+        self._disk = threading.Lock()
+
+    def note_state(self, state: State) -> None:
+        """Take in that the run goes on from an earlier one; see `stadimeter.app.loop.RecordingSink`."""
+
+    def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
+        """Take in that another configuration was loaded."""
+
+    def trouble(self) -> str:
+        """Return why nothing is written at present, in words; empty if all is well."""
+        return self._trouble
+
+    def begin(self, name: str) -> None:
+        """Begin to write, in a thread of its own."""
+        threading.Thread(target=self._write_all, name=name, daemon=True).start()
+
+    def close(self) -> None:
+        """Write what waits, and end. Does not wait long for a disk that hangs."""
+        self._ended.set()
+        if self._disk.acquire(timeout=CLOSE_WAIT_S):
+            try:
+                self.finish()
+            finally:
+                self._disk.release()
+
+    def _write_all(self) -> None:
+        while not self._ended.wait(LOOK_EVERY_S):
+            with self._disk:
+                self.step()
+
+    def step(self) -> None:
+        """Write what is due."""
+        raise NotImplementedError
+
+    def finish(self) -> None:
+        """Write all that waits."""
+        raise NotImplementedError
+
+
+class EventLog(KeptPast):
+    """Writes the log of one run.
 
     Args:
         is_right: Tells whether the computer's clock shows the right time.
@@ -101,6 +146,7 @@ class EventLog:
         is_right: Callable[[], bool],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        super().__init__()
         self._path = path
         self._now = now
         self._is_right = is_right
@@ -110,13 +156,10 @@ class EventLog:
         self._is_urgent = False
         self._due_s = math.inf
         self._not_before_s = -math.inf
-        self._trouble = ""
         self._was_right = is_right()
         self._ahead_s = self._wall_ahead_s()
         self._waits_since_s: float | None = clock()
         self._is_missing = False
-        self._ended = threading.Event()
-        self._disk = threading.Lock()
         self._gathering = threading.RLock()  # a signal handler may have something to say
 
     def __call__(self, record: CycleRecord, _frame: Frame | None = None) -> None:
@@ -146,42 +189,21 @@ class EventLog:
         """Add a line about the run itself."""
         self._add(words, is_urgent=True)
 
-    def note_state(self, state: State) -> None:
-        """Take in that the run goes on from an earlier one; see `stadimeter.app.loop.RecordingSink`."""
-
     def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:  # noqa: ARG002
         """Take in that another configuration was loaded."""
         self.say("configuration reloaded")
-
-    def trouble(self) -> str:
-        """Return why nothing is written at present, in words; empty if all is well."""
-        return self._trouble
 
     def start(self, words: str) -> None:
         """Begin to write, in a thread of its own; the first line says also if the last run did not end in order."""
         self.say(
             f"started: {words}" + ("; the run before it was killed, or had no power" if _is_cut(self._path) else "")
         )
-        threading.Thread(target=self._write_all, name="event log", daemon=True).start()
-
-    def _write_all(self) -> None:
-        while not self._ended.wait(LOOK_EVERY_S):
-            self.step()
+        self.begin("event log")
 
     def step(self) -> None:
         """Write what is due."""
-        with self._disk:
-            if self._clock() >= max(self._due_s, self._not_before_s):
-                self._write()
-
-    def close(self) -> None:
-        """Write what waits, and end. Does not wait long for a disk that hangs."""
-        self._ended.set()
-        if self._disk.acquire(timeout=CLOSE_WAIT_S):
-            try:
-                self._write()
-            finally:
-                self._disk.release()
+        if self._clock() >= max(self._due_s, self._not_before_s):
+            self.finish()
 
     def _add(self, words: str, *, is_urgent: bool) -> None:
         is_right = self._is_right()
@@ -212,7 +234,7 @@ class EventLog:
     def _wall_ahead_s(self) -> float:
         return self._now().timestamp() - self._clock()
 
-    def _write(self) -> None:
+    def finish(self) -> None:
         """Write every line that waits, or none."""
         with self._gathering:
             lines, self._lines = self._lines, []

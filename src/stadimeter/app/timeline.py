@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 import os
-import threading
 import time
 import uuid
 from bisect import bisect_left
@@ -32,13 +31,11 @@ from numpy.typing import NDArray
 
 from stadimeter.app.control.recording import recordings_folder
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.event_log import ENDING
-from stadimeter.app.recordings.journal import RecordedConfiguration
+from stadimeter.app.event_log import ENDING, KeptPast
 from stadimeter.app.recordings.record_file import delete_old
 from stadimeter.config.atomic_file import append_whole
 from stadimeter.config.untrusted_file import JSON_MAX_BYTES, open_untrusted
 from stadimeter.core.clock import DAY_S
-from stadimeter.core.decide import State
 from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Track
@@ -174,7 +171,6 @@ def _time_at(file: BinaryIO, byte: int) -> int:
     return int.from_bytes(os.pread(file.fileno(), 4, byte), "little")
 
 
-LOOK_EVERY_S = 1.0
 WRITE_EVERY_S = 60.0
 
 # The cycles that wait for the thread while a disk hangs, the newest; and the seconds that wait for one that is full.
@@ -184,15 +180,13 @@ SECONDS_MAX = 3600
 # A week of three targets and six rules takes 0.05 GB. This bound is for many targets, and for a clock that was wrong.
 FOLDER_BYTES = 500_000_000
 
-CLOSE_WAIT_S = 0.5
-
 _RANKS = {state: rank for rank, state in enumerate(STATES)}
 
 # When it was by the computer's clock and by the run's, what was tracked, and what the rules did.
 _Cycle = tuple[int, float, Sequence[Track], Sequence[RuleTrace]]
 
 
-class TimelineKeeper:
+class TimelineKeeper(KeptPast):
     """Keeps the timeline of a run; a `stadimeter.app.loop.RecordingSink`.
 
     Args:
@@ -201,12 +195,11 @@ class TimelineKeeper:
     """
 
     def __init__(self, folder: Path, keep_s: float, unix_s: Callable[[], float] = time.time) -> None:
+        super().__init__()
         self._folder = folder
         self._keep_s = keep_s
         self._unix_s = unix_s
         self._cycles: deque[_Cycle] = deque(maxlen=CYCLES_MAX)
-        self._disk = threading.Lock()
-        self._ended = threading.Event()
         self._names = Names((), ())
         self._segment: Path | None = None
         self._begun: set[int] = set()
@@ -214,40 +207,11 @@ class TimelineKeeper:
         self._written = 0  # of these
         self._last_s = 0
         self._due_s = 0.0
-        self._trouble = ""
 
     def __call__(self, record: CycleRecord, _frame: Frame | None = None) -> None:
         """Take in a cycle."""
         decision = record.decision
         self._cycles.append((int(self._unix_s()), record.observation.now_s, decision.tracks, decision.rules))
-
-    def note_state(self, state: State) -> None:
-        """Take in that the run goes on from an earlier one, which is no matter here."""
-
-    def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
-        """Take in a reload: its targets and rules are seen in the cycles."""
-
-    def trouble(self) -> str:
-        """Return why nothing is written at present; empty if all is well."""
-        return self._trouble
-
-    def start(self) -> None:
-        """Begin to gather and write, in a thread of its own."""
-        threading.Thread(target=self._keep, name="timeline", daemon=True).start()
-
-    def close(self) -> None:
-        """Write what waits, and end. Does not wait long for a disk that hangs."""
-        self._ended.set()
-        if self._disk.acquire(timeout=CLOSE_WAIT_S):
-            try:
-                self.step(is_end=True)
-            finally:
-                self._disk.release()
-
-    def _keep(self) -> None:
-        while not self._ended.wait(LOOK_EVERY_S):
-            with self._disk:
-                self.step()
 
     def step(self, *, is_end: bool = False) -> None:
         """Make rows of the seconds that are over, and write what is due."""
@@ -260,8 +224,11 @@ class TimelineKeeper:
             if not self._due_s - WRITE_EVERY_S <= unix_s < self._due_s:
                 self._write()
                 self._due_s = unix_s + WRITE_EVERY_S
-        if is_end:
-            self._write(is_whole=True)
+
+    def finish(self) -> None:
+        """Make rows of the last second, too, and write all."""
+        self.step(is_end=True)
+        self._write(is_whole=True)
 
     def _add(self, names: Names, unix_s: int, cycles: Rows) -> None:
         is_next = self._last_s < unix_s and self._last_s // DAY_S == unix_s // DAY_S
@@ -334,7 +301,7 @@ def keep_timeline(
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     keeper = TimelineKeeper(folder, keep_s)
     listeners.append(keeper)
-    keeper.start()
+    keeper.begin("timeline")
     try:
         yield folder
     finally:
