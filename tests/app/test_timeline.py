@@ -109,11 +109,11 @@ def test_the_loop_writes_nothing_and_the_thread_once_a_minute(rig, monkeypatch):
     for number in range(1199):
         rig.see(1.0 + number)
         rig.keeper.step()
-    assert [writes.count(suffix) for suffix in (".1", ".10", ".60", ".600")] == [10, 0, 0, 0]
+    assert [writes.count(suffix) for suffix in (".1", ".60")] == [10, 0]
     for number in range(120):
         rig.see(1.0 + number)
         rig.keeper.step()
-    assert [writes.count(suffix) for suffix in (".1", ".10", ".60", ".600")] == [11, 1, 1, 1]
+    assert [writes.count(suffix) for suffix in (".1", ".60")] == [11, 1]
 
 
 def test_a_night_is_read_by_each_level_and_a_glimpse_of_a_second_is_in_all(rig):
@@ -121,7 +121,7 @@ def test_a_night_is_read_by_each_level_and_a_glimpse_of_a_second_is_in_all(rig):
         rig.see(0.3 if second == 2000 else 2.0, RuleStatus.ACTIVE if second == 2000 else RuleStatus.IDLE, for_s=1.0)
         rig.keeper.step()
     rig.keeper.finish()
-    for step_s in (*LEVELS_S, 30, 3600):
+    for step_s in (*LEVELS_S, 10, 30, 600, 3600):
         rows = rig.rows(step_s)
         assert len(rows) == math.ceil(4000 / step_s)
         assert rows["figures"][:, 0, LOW].min() == pytest.approx(0.3), step_s
@@ -201,7 +201,7 @@ def test_a_disk_that_is_full_between_two_levels_costs_no_peak(rig, monkeypatch):
         rig.see(0.3 if second % 700 == 50 else 2.0, for_s=1.0)
         rig.keeper.step()
     rig.keeper.close()
-    for step_s in LEVELS_S[:3]:
+    for step_s in LEVELS_S:
         rows = np.concatenate([rows for _, rows in rig.read(step_s)])
         assert (rows["figures"][:, 0, LOW] < 0.31).sum() == 5, step_s
     assert sum(len(rows) for _, rows in rig.read()) == 3000

@@ -49,6 +49,7 @@ def keep_day(
     folder.mkdir(parents=True, exist_ok=True)
     for day in np.unique(at_s // DAY_S):
         segment = rows[at_s // DAY_S == day]
+        name = f"{int(segment['unix_s'][0])}-{uuid.uuid4().hex[:8]}"
         for level_s in LEVELS_S:
-            path = folder / f"{int(segment['unix_s'][0])}-{uuid.uuid4().hex[:8]}.{level_s}"
+            path = folder / f"{name}.{level_s}"
             path.write_bytes(names.head + merge_rows(segment, level_s).tobytes())

@@ -1,10 +1,10 @@
 """The timeline of a run: what each second was like, kept for days, in rows of fixed length in files that only grow.
 
 A segment is what one run wrote of the same targets and rules, for a day at most: ``NAME.1`` with a row for each second,
-and ``NAME.10``, ``NAME.60`` and ``NAME.600`` with one for as many seconds, from which a long time is read quickly. Each
-row has the time by the computer's clock and by that of the run: recordings go by that, and either may lag or be set.
-Each file begins with a line of JSON that names targets and rules. The coarser files are written every ten minutes; what
-they lack after a power cut is made of the seconds, and half a row at the end is not read.
+and ``NAME.60`` with one for each minute, from which a long time is read quickly. Each row has the time by the
+computer's clock and by that of the run: recordings go by that, and either may lag or be set. Each file begins with a
+line of JSON that names targets and rules. The minutes are written every ten minutes; what they lack after a power cut
+is made of the seconds, and half a row at the end is not read.
 
 The loop hands cycles over; all else is done in a thread. A memory card is written to as seldom as for the event log:
 what a kill or a power cut costs is a minute.
@@ -42,7 +42,7 @@ from stadimeter.core.measurement import Track
 from stadimeter.errors import JournalError, StadimeterError
 
 FOLDER = "timeline"
-LEVELS_S = (1, 10, 60, 600)
+LEVELS_S = (1, 60)
 
 # What rows consist of; files of another format are passed over.
 FORMAT = 2
@@ -172,6 +172,7 @@ def _time_at(file: BinaryIO, byte: int) -> int:
 
 
 WRITE_EVERY_S = 60.0
+MINUTES_EVERY_S = 600
 
 # The cycles that wait for the thread while a disk hangs, the newest; and the seconds that wait for one that is full.
 CYCLES_MAX = 4096
@@ -251,7 +252,7 @@ class TimelineKeeper(KeptPast):
         try:
             self._append(self._segment, 1, self._rows[self._written :])
             self._written = len(self._rows)
-            until_s = math.inf if is_whole else self._last_s // LEVELS_S[-1] * LEVELS_S[-1]
+            until_s = math.inf if is_whole else self._last_s // MINUTES_EVERY_S * MINUTES_EVERY_S
             over = self._rows[self._rows["unix_s"] < until_s]
             self._rows, self._written = self._rows[len(over) :], self._written - len(over)
             for level_s in LEVELS_S[1:]:
