@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.app.freeze import FreezeDetector
+from stadimeter.app.capture import FreezeDetector
 from stadimeter.core.frame import MAX_REMEMBERED, Frame
 from support.each_case import each_case
 

@@ -14,8 +14,7 @@ from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.app.live.health import Board, BoardState, LiveHealth
 from stadimeter.app.live.history import WINDOW_S, DistanceSample, RunHistory, Seen
 from stadimeter.app.live.pictures import SHOWN_MAX_PX, Pictures, drawn
-from stadimeter.app.live.snapshot import LiveFeed
-from stadimeter.app.live.snapshot_json import ReasonsInTurn, outline_of, samples_json, shared_json
+from stadimeter.app.live.snapshot import LiveFeed, ReasonsInTurn, outline_of, samples_json, shared_json
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.watching import live_feed
 from stadimeter.config.loader import load_configuration

@@ -6,8 +6,7 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from stadimeter.app.clock import TimeOfDay
-from stadimeter.app.local_time import wall_time
+from stadimeter.app.clock import TimeOfDay, wall_time
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.sun import sun_times_s
 from stadimeter.core.observation import MonthDay

@@ -12,8 +12,15 @@ import numpy as np
 import pytest
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.mounting import EVERY_S, watch_of
-from stadimeter.app.mounting_file import PICTURES, load_reference, make_reference, save_reference, unpack_reference
+from stadimeter.app.mounting import (
+    EVERY_S,
+    PICTURES,
+    load_reference,
+    make_reference,
+    save_reference,
+    unpack_reference,
+    watch_of,
+)
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import MountingStatus

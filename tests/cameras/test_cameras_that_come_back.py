@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from msgspec import Struct
 
-from stadimeter.app.capture import CaptureThread
-from stadimeter.app.freeze import FreezeDetector
+from stadimeter.app.capture import CaptureThread, FreezeDetector
 from stadimeter.cameras.live_camera import LiveCamera
 from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
 from stadimeter.cameras.picamera2_camera import Picamera2Camera, Picamera2Options

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.app.mounting_file import load_reference
+from stadimeter.app.mounting import load_reference
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from support.command_line import Typed, typed

@@ -16,7 +16,7 @@ import pytest
 
 from stadimeter.app.control.client import ask
 from stadimeter.app.control.messages import ARGS
-from stadimeter.app.control.places import is_alive
+from stadimeter.app.places import is_alive
 from stadimeter.testing.rig import eventually
 from support.simulated_run import SIMULATED_BALL
 

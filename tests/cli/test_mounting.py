@@ -10,8 +10,7 @@ import pytest
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.mounting import watch_of
-from stadimeter.app.mounting_file import load_reference
+from stadimeter.app.mounting import load_reference, watch_of
 from stadimeter.cli import run_services
 from stadimeter.cli.run_services import RunOptions, open_services
 from stadimeter.config.loader import load_configuration

@@ -182,7 +182,7 @@ def _opens_for_writing(call: ast.Call) -> bool:
 ASKS = {"exists", "is_file", "is_dir", "is_symlink", "lexists", "access", "isfile", "isdir"}
 LOOKS = {
     "app/control/recording.py": "a name for a new recording; one that is taken all the same is kept under another name",
-    "app/control/places.py": "why a folder was left out",
+    "app/places.py": "why a folder was left out",
     "app/event_log.py": "only one run writes it; who reads it passes over a file that is gone",
     "app/persistence/alarm_store.py": "why a write has failed, or what is newer than the file that is only read",
     "app/recordings/record_file.py": "an early refusal; what follows fails by itself",
@@ -204,7 +204,7 @@ LOOKS = {
     "config/untrusted_file.py": "nothing is opened",
     "web/page.py": "a download that is gone by then fails",
     "web/passwords.py": "a folder of the installation",
-    "web/run_process.py": "why there is no run",
+    "web/links.py": "why there is no run",
     "detectors/object/model_file.py": "what kind of path it is; reading fails by itself",
     "workbench/colour_aids.py": "how a name is split; reading fails by itself",
     "workbench/doctor/computer.py": "a finding",

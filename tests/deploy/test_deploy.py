@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from stadimeter.app.control.places import socket_path
+from stadimeter.app.places import socket_path
 from stadimeter.app.service import MAX_PAUSE_S
 from stadimeter.config.models import WebTable
 from stadimeter.web import passwords

@@ -14,7 +14,7 @@ from scenario.prove import staging
 from scenario.prove.faults import PlannedFault
 from scenario.prove.proof import MOMENTS_S, Proof, prove, sequences
 from scenario.prove.staging import stage
-from stadimeter.app import freeze, leased_output
+from stadimeter.app import capture, leased_output
 from stadimeter.bases import pan_servo, serial_base, waveshare_ugv
 from stadimeter.bases.differential_drive import WheelSpeeds
 from stadimeter.config.loader import load_configuration
@@ -55,7 +55,7 @@ def never_end_a_lease(patch: pytest.MonkeyPatch) -> None:
 
 
 def take_any_picture_for_new(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(freeze.FreezeDetector, "_what_is_old", lambda *_: "")
+    patch.setattr(capture.FreezeDetector, "_what_is_old", lambda *_: "")
 
 
 def recover_without_rest(patch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,7 @@
 import pytest
 
 from stadimeter.errors import PageError
-from stadimeter.web.attempts import (
+from stadimeter.web.passwords import (
     ADDRESSES_MAX,
     EVERY_S,
     FORGOTTEN_S,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.control.framing import encode_answer
+from stadimeter.app.control.client import encode_answer
 from stadimeter.testing.rig import eventually
 from stadimeter.web import serving
 from stadimeter.web.passwords import PasswordFile

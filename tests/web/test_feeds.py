@@ -6,7 +6,7 @@ import json
 import pytest
 
 from stadimeter.errors import PageError
-from stadimeter.web.exchange import PageAnswer
+from stadimeter.web.links import PageAnswer
 from stadimeter.web.live import SAMPLES_KEPT_S, Feed
 
 

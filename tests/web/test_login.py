@@ -8,8 +8,7 @@ import pytest
 
 from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.web.access import HEADERS, SESSION_S
-from stadimeter.web.attempts import FREE
-from stadimeter.web.passwords import ENDED_MAX, EndedSessions, PasswordFile, Session
+from stadimeter.web.passwords import ENDED_MAX, FREE, EndedSessions, PasswordFile, Session
 from stadimeter.web.routes import PAGE_OPERATIONS, Right
 from support.page import FORM, OPERATE, READ, quicken, served_page
 

@@ -11,7 +11,7 @@ from stadimeter.app.control.messages import Reply
 from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.errors import PageError
 from stadimeter.testing.rig import eventually
-from stadimeter.web.run_link import RunLink
+from stadimeter.web.links import RunLink
 
 
 @contextmanager

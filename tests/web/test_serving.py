@@ -19,9 +19,8 @@ from stadimeter.config.extras import install_line
 from stadimeter.errors import PageError
 from stadimeter.testing.rig import eventually
 from stadimeter.web import serving
+from stadimeter.web.links import RunLink, RunProcess
 from stadimeter.web.passwords import PasswordFile
-from stadimeter.web.run_link import RunLink
-from stadimeter.web.run_process import RunProcess
 from stadimeter.web.serving import EVERYWHERE, check_certificate, listen
 from support.browser import ROOM, served
 from support.command_line import typed

@@ -9,7 +9,7 @@ import pytest
 
 from stadimeter.app.capture import Capture
 from stadimeter.app.certificate import load_certificate
-from stadimeter.app.mounting_file import lens_figures, load_reference
+from stadimeter.app.mounting import lens_figures, load_reference
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel

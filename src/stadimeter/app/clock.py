@@ -22,11 +22,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from msgspec import Struct
+from msgspec.structs import replace
 
+from stadimeter.config.sun import sun_times_s
 from stadimeter.core.clock import TaskEndedError
 from stadimeter.core.observation import MonthDay, WallTime
+
+if TYPE_CHECKING:
+    from stadimeter.config.loader import Configuration
+
 
 # A paced clock that is this far behind real time no longer tries to catch up.
 LATE_S = 0.2
@@ -301,3 +308,22 @@ class TimeOfDay:
             self._began = (self._now(), now_s)
         began, began_s = self._began
         return began + timedelta(seconds=now_s - began_s)
+
+
+# The local time, the date and the sun's times at a place, as schedules see them -------------------
+
+
+def wall_time(now: datetime, configuration: Configuration) -> WallTime:
+    """Return the time of day, the date and, where a rule asks for it, when the sun rises and sets on that date.
+
+    Args:
+        now: In any time zone; without one it is the time of the place.
+    """
+    place = configuration.place
+    zone = place.zone if place is not None else None
+    local = now if now.tzinfo is None else now.astimezone(zone)
+    shown = time_of_day(local)
+    if not configuration.needs_sun or place is None or place.latitude is None or place.longitude is None:
+        return shown
+    sunrise_s, sunset_s = sun_times_s(place.latitude, place.longitude, zone, local.date())
+    return replace(shown, sunrise_s=sunrise_s, sunset_s=sunset_s)

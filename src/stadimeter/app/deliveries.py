@@ -53,15 +53,19 @@ class Deliveries:
         self._by_topic: dict[str, tuple[float, Message]] = {}
 
     def publish(self, at_s: float, messages: Iterable[Message]) -> None:
-        """Publish messages, if there is a messenger, and remember them. An empty one has cleared its topic."""
+        """Publish messages, if there is a messenger."""
         if self._parts.messenger is None:
             return
         for message in messages:
             self._parts.messenger.publish(message)
-            self.published.appendleft((at_s, message))
-            self._by_topic.pop(message.topic, None)
-            if message.payload:
-                self._by_topic[message.topic] = (at_s, message)
+            self.note_published(at_s, message)
+
+    def note_published(self, at_s: float, message: Message) -> None:
+        """Remember a message for the views. An empty one has cleared its topic."""
+        self.published.appendleft((at_s, message))
+        self._by_topic.pop(message.topic, None)
+        if message.payload:
+            self._by_topic[message.topic] = (at_s, message)
 
     def send(self, at_s: float, name: str, item: Message | Notification) -> None:
         """Publish a message of a rule, or hand a notification to its notifier."""

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 from msgspec import Struct
 
 from stadimeter.app.clock import local_now
-from stadimeter.app.service_folders import state_directory
+from stadimeter.app.places import state_directory
 from stadimeter.config.atomic_file import append_whole
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Severity
 

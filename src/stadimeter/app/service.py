@@ -33,7 +33,7 @@ from pathlib import Path
 from msgspec import Struct
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.service_folders import runtime_directory
+from stadimeter.app.places import runtime_directory
 from stadimeter.config.atomic_file import holds, write_atomically
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice, StopsByBytes, StopsByI2c, marked_options

@@ -19,7 +19,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.service_folders import SERVICE_STATE
+from stadimeter.app.places import SERVICE_STATE
 from stadimeter.config.extras import PACKAGED, missing
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.loader import Configuration

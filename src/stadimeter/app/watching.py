@@ -34,8 +34,16 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.health import Board
 from stadimeter.app.live.history import RunHistory, Seen, newer
 from stadimeter.app.live.pictures import Pictures, drawn
-from stadimeter.app.live.snapshot import LiveFeed, RunSnapshot, Surroundings
-from stadimeter.app.live.snapshot_json import ReasonsInTurn, events_json, frame_data, samples_json, shared_json
+from stadimeter.app.live.snapshot import (
+    LiveFeed,
+    ReasonsInTurn,
+    RunSnapshot,
+    Surroundings,
+    events_json,
+    frame_data,
+    samples_json,
+    shared_json,
+)
 from stadimeter.app.service import is_service
 from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.findings import did_you_mean_or_list

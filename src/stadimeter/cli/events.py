@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from stadimeter.app.event_log import ENDING, log_files, parse_line
-from stadimeter.app.service_folders import SERVICE_STATE
+from stadimeter.app.places import SERVICE_STATE
 from stadimeter.cli.exits import plain_errors
 from stadimeter.errors import JournalError
 

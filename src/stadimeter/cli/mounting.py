@@ -9,7 +9,7 @@ from pathlib import Path
 import typer
 
 from stadimeter.app.detectors import build_detectors
-from stadimeter.app.mounting_file import (
+from stadimeter.app.mounting import (
     MOMENTS,
     PICTURES,
     judge_by,

@@ -13,9 +13,9 @@ import typer
 from msgspec import Struct
 
 import stadimeter
-from stadimeter.app.clock import TimeOfDay, is_synchronised
+from stadimeter.app.clock import TimeOfDay, is_synchronised, wall_time
 from stadimeter.app.event_log import EventLog, event_log_path
-from stadimeter.app.local_time import wall_time
+from stadimeter.app.places import mounting_places, state_directory
 from stadimeter.app.service import (
     Service,
     held_lines,
@@ -24,7 +24,6 @@ from stadimeter.app.service import (
     without_stop_from_outside,
     write_safe_outputs,
 )
-from stadimeter.app.service_folders import mounting_places, state_directory
 from stadimeter.config.extras import missing
 from stadimeter.config.optional_tables import TIMELINE_S, TimelineTable
 from stadimeter.config.untrusted_file import is_file

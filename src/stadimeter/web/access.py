@@ -19,8 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from stadimeter.errors import PageError
 from stadimeter.web.answers import as_error, as_json
-from stadimeter.web.attempts import Attempts
-from stadimeter.web.passwords import EndedSessions, PasswordFile, Passwords, Session
+from stadimeter.web.passwords import Attempts, EndedSessions, PasswordFile, Passwords, Session
 from stadimeter.web.routes import PAGE_OPERATIONS, TOKENS, PageOperation, Right
 
 # A session lasts this long, on the wall clock.

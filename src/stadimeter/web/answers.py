@@ -14,7 +14,7 @@ from starlette.responses import Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 from stadimeter.errors import PageError
-from stadimeter.web.exchange import PageAnswer
+from stadimeter.web.links import PageAnswer
 
 # A body that takes longer to come is not waited for.
 BODY_MAX_S = 30.0

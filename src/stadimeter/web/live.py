@@ -18,8 +18,7 @@ from typing import Any
 from msgspec import Struct
 
 from stadimeter.errors import PageError
-from stadimeter.web.exchange import PageAnswer
-from stadimeter.web.run_link import RunLink
+from stadimeter.web.links import PageAnswer, RunLink
 
 # The pictures that a subscription may have.
 KINDS = ("none", "plain", "drawn")

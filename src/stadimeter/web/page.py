@@ -23,13 +23,10 @@ import stadimeter
 from stadimeter.errors import PageError
 from stadimeter.web.access import Access
 from stadimeter.web.answers import Streamed, as_json, as_picture, bounded_body
-from stadimeter.web.exchange import PageAnswer
+from stadimeter.web.links import PageAnswer, RunLink, RunProcess, WorkbenchLink, command_of_workbench
 from stadimeter.web.live import KINDS, Feed, LiveMessage
 from stadimeter.web.passwords import PasswordFile
 from stadimeter.web.routes import RUN_WAIT_S, Right
-from stadimeter.web.run_link import RunLink
-from stadimeter.web.run_process import RunProcess
-from stadimeter.web.workbench_link import WorkbenchLink, command_of_workbench
 
 if TYPE_CHECKING:  # most pages know of no other
     from stadimeter.web.others import Others

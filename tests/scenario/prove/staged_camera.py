@@ -17,8 +17,7 @@ from msgspec.structs import replace
 
 from scenario.prove.faults import SPOILS_FRAMES
 from scenario.prove.watch import MotionWatch
-from stadimeter.app.capture import CaptureThread, LiveCapture
-from stadimeter.app.freeze import FreezeDetector
+from stadimeter.app.capture import CaptureThread, FreezeDetector, LiveCapture
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Frame, Image

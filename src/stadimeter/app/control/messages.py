@@ -20,7 +20,7 @@ import msgspec
 from msgspec import Struct
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, StringConstraints, ValidationError, create_model
 
-from stadimeter.app.control.framing import encode_line
+from stadimeter.app.control.client import encode_line
 from stadimeter.app.exact_json import plain
 from stadimeter.config.units import parse_any_quantity, parse_length
 from stadimeter.core.bounds import MAX_DURATION_S, MAX_PLAIN, MAX_TIME_S

@@ -38,7 +38,7 @@ from stadimeter.app.control.messages import (
     parse_request,
     transaction_of,
 )
-from stadimeter.app.control.places import check_folder, is_alive
+from stadimeter.app.places import check_folder, is_alive
 from stadimeter.errors import ControlError
 
 # This many requests may wait for the loop, which takes them all once a cycle.

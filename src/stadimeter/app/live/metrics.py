@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.health import CONNECTED, LiveHealth
 from stadimeter.app.live.history import RunHistory
-from stadimeter.app.live.snapshot import LiveFeed
-from stadimeter.app.live.snapshot_json import SAMPLES_AT_ONCE
+from stadimeter.app.live.snapshot import SAMPLES_AT_ONCE, LiveFeed
 from stadimeter.core.decision import EventKind, RuleStatus, SafetyMode
 from stadimeter.core.measurement import TrackStatus
 

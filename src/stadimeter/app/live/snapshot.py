@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import math
 import time
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from msgspec import Struct, field
 
 from stadimeter.app.clock import SteppedClock
@@ -14,12 +17,16 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.health import CONNECTED, Board, LiveHealth, live_health
 from stadimeter.app.live.history import WINDOW_S, DistanceSample, RunHistory, Seen
 from stadimeter.core.clock import Clock
+from stadimeter.core.command import LevelCommand
+from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.decision import Decision, Event
-from stadimeter.core.detection import RejectedCandidate
-from stadimeter.core.measurement import MeasurementStatus
+from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
+from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.decision import Decision, Event, OutputTrace, RuleTrace
+from stadimeter.core.detection import Detection, RejectedCandidate
+from stadimeter.core.measurement import MeasurementStatus, Track
 from stadimeter.core.message import Message
-from stadimeter.core.plan import Plan
+from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
 from stadimeter.core.rules.explaining import Reasons, explain
 
@@ -180,3 +187,299 @@ class LiveFeed(Struct):
     def unix_offset_s(self) -> float:
         """Return the time by which the computer's clock is ahead of the run's."""
         return self.unix_time_s() - self.clock.now_s()
+
+
+# A snapshot as JSON, in parts: what all who watch get is put into words once ----------------------
+#
+# SI units, pixels, radians. What is not known is null, never NaN: JSON has no such number.
+
+
+# After this many the interpreter is given to the loop, if it waits for it: else it would wait for up to 5 ms.
+OUTLINE_POINTS_MAX = 64
+REJECTED_MAX = 8
+MESSAGES_MAX = 10
+SAMPLES_AT_ONCE = 200
+
+GIVE_WAY_S = 1e-5
+
+# What a rule's trace and its snapshot call the same.
+TRACE_FACTS = ("active", "acknowledged", "inhibits", "chattering", "first_out", "output")
+
+# Of more rules than this, those that do not change say in turn why: to work that out takes up to 0.1 ms each.
+REASONS_AT_ONCE = 12
+
+_JSON = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
+
+
+class ReasonsInTurn:
+    """The reasons why each rule does what it does, in words. A rule that has changed says so at once."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[RuleTrace, str]] = {}
+        self._next = 0
+
+    def of(self, decision: Decision) -> dict[str, str]:
+        """Return the words of every rule, by its name."""
+        rules, before = decision.rules, self._known
+        changed = {trace.rule for trace in rules if trace.rule not in before or before[trace.rule][0] is not trace}
+        turns = min(len(rules), max(0, REASONS_AT_ONCE - len(changed)))
+        due = changed | {rules[(self._next + turn) % len(rules)].rule for turn in range(turns)}
+        self._next += turns
+        self._known = {
+            trace.rule: (trace, why(decision, trace.rule)) if trace.rule in due else before[trace.rule]
+            for trace in rules
+        }
+        return {name: words for name, (_, words) in self._known.items()}
+
+
+def shared_json(snapshot: RunSnapshot, number: int, now_s: float, unix_offset_s: float, reasons: ReasonsInTurn) -> str:
+    """Return the part of a snapshot that all who watch get, as a JSON object without the brace that closes it.
+
+    Args:
+        number: Counts the snapshots.
+        now_s: The run's clock when it was taken.
+        unix_offset_s: What the computer's clock is ahead of it.
+    """
+    record = snapshot.record
+    decision = record.decision if record is not None else None
+    shared = {
+        "n": number,
+        "now_s": _rounded(now_s),
+        "unix_s": _rounded(now_s + unix_offset_s),
+        "frame": frame_data(snapshot.seen, unix_offset_s),
+        "targets": [_target(snapshot, track) for track in decision.tracks] if decision is not None else [],
+        "rules": list(_rules(snapshot.plan, decision, reasons)) if decision is not None else [],
+        "outputs": list(_outputs(snapshot)),
+        "figures": list(_remembered(snapshot.plan, decision)) if decision is not None else [],
+        "safety": _safety(decision),
+        "health": _health(snapshot),
+        "messenger": snapshot.messenger,
+        "messages": [_message(at_s, message) for at_s, message in snapshot.messages[:MESSAGES_MAX]],
+        "recording": snapshot.recording,
+        "narration": snapshot.narration,
+        "run": snapshot.run,
+    }
+    return _JSON.encode(shared)[:-1]
+
+
+def events_json(events: Iterable[Event], unix_offset_s: float) -> str:
+    """Return events as a JSON list; `unix_offset_s` is what the computer's clock is ahead of the run's."""
+    return _JSON.encode([_event(each, unix_offset_s) for each in events])
+
+
+def samples_json(samples: Mapping[str, Iterable[DistanceSample]]) -> str:
+    """Return distances as a JSON object: by target a list of time, distance or null, and standard deviation."""
+    listed = (f"{_JSON.encode(name)}:[{','.join(_listed(found))}]" for name, found in samples.items())
+    return f"{{{','.join(listed)}}}"
+
+
+def frame_data(seen: Seen | None, unix_offset_s: float) -> dict[str, Any] | None:
+    """Return the known facts of a frame beside its picture; None if there is none."""
+    stamp = seen.record.observation.frame if seen is not None else None
+    if seen is None or stamp is None:
+        return None
+    return {
+        "sequence": stamp.sequence,
+        "captured_at_s": _rounded(stamp.captured_at_s),
+        "captured_unix_s": _rounded(stamp.captured_at_s + unix_offset_s),
+        "width_px": seen.frame.width_px if seen.frame is not None else 0,
+        "height_px": seen.frame.height_px if seen.frame is not None else 0,
+    }
+
+
+def outline_of(detection: Detection, *, has_corners: bool) -> list[list[float]]:
+    """Return the outline of a target in order around it: its corners, or points on its rim, at most 64 of them."""
+    points = detection.outline_px
+    points = points[np.isfinite(points).all(axis=1)]
+    if not has_corners and len(points):
+        centre = points.mean(axis=0)
+        points = points[np.argsort(np.arctan2(points[:, 1] - centre[1], points[:, 0] - centre[0]))]
+    if len(points) > OUTLINE_POINTS_MAX:
+        points = points[np.linspace(0, len(points) - 1, OUTLINE_POINTS_MAX).astype(int)]
+    outline: list[list[float]] = np.round(points, 1).tolist()
+    return outline
+
+
+def _listed(samples: Iterable[DistanceSample]) -> Iterator[str]:
+    for number, (at_s, *figures) in enumerate(samples, start=1):
+        known = ("null" if each is None or not math.isfinite(each) else f"{each:.4f}" for each in figures)
+        yield f"[{at_s:.3f},{','.join(known)}]"
+        if not number % SAMPLES_AT_ONCE:
+            time.sleep(GIVE_WAY_S)
+
+
+def _target(snapshot: RunSnapshot, track: Track) -> dict[str, Any]:
+    found = next((each for each in _detections(snapshot) if each.target == track.target), None)
+    has_corners = snapshot.has_corners.get(track.target, False)
+    return {
+        "name": track.target,
+        "status": track.status.value,
+        "is_valid": track.is_valid,
+        **_figures(track, "distance_m", "sigma_m", "bearing_rad", "elevation_rad", digits=4),
+        **_figures(track, "closing_mps", "closing_sigma_mps"),
+        "tilt_rad": _rounded(snapshot.tilts_rad.get(track.target), 4),
+        "reason": track.reason,
+        "thresholds_m": [_rounded(limit_m, 4) for limit_m in snapshot.limits_m.get(track.target, ())],
+        "detection": _detection(found, has_corners=has_corners) if found is not None else None,
+        "rejected": [_candidate(each) for each in (found.rejected[:REJECTED_MAX] if found is not None else ())],
+    }
+
+
+def _detections(snapshot: RunSnapshot) -> tuple[Detection, ...]:
+    return snapshot.seen.record.detections if snapshot.seen is not None else ()
+
+
+def _detection(found: Detection, *, has_corners: bool) -> dict[str, Any]:
+    return {
+        "status": found.status.value,
+        "reason": found.reason,
+        "centre_px": _pixels(found.centre_px),
+        **_figures(found, "width_px", "height_px", "quality", digits=2),
+        "outline_px": outline_of(found, has_corners=has_corners),
+        "has_corners": has_corners,
+    }
+
+
+def _candidate(rejected: RejectedCandidate) -> dict[str, Any]:
+    return {
+        "centre_px": _pixels(rejected.centre_px),
+        "size_px": _rounded(rejected.size_px, 1),
+        "corners_px": [_pixels(corner) for corner in rejected.corners_px],
+        "reason": rejected.reason,
+    }
+
+
+def _rules(plan: Plan | None, decision: Decision, reasons: ReasonsInTurn) -> Iterator[dict[str, Any]]:
+    rules = {rule.name: rule for rule in plan.rules} if plan is not None else {}
+    words = reasons.of(decision)
+    for trace in decision.rules:
+        rule = rules.get(trace.rule)
+        alarm = rule if isinstance(rule, AlarmRule) else None
+        yield {
+            "rule": trace.rule,
+            "status": trace.status.value,
+            **{name: getattr(trace, name) for name in TRACE_FACTS},
+            "target": rule.target if rule is not None else "",
+            "severity": rule.severity.value if rule is not None else "",
+            "is_alarm": alarm is not None,
+            "needs_ack": alarm is not None and alarm.ack == "required",
+            "latches": alarm is not None and alarm.latch,
+            "counts": alarm is not None and _counts(alarm),
+            "set_thresholds": _set_thresholds(decision, trace.rule),
+            "reason": words[trace.rule],
+        }
+
+
+def _counts(alarm: AlarmRule) -> bool:
+    """Check whether a reset lets a rule count anew."""
+    return any(isinstance(leaf, RememberedCondition) and leaf.rules for leaf in leaves(alarm.condition))
+
+
+def _remembered(plan: Plan | None, decision: Decision) -> Iterator[dict[str, Any]]:
+    for figure in plan.named_figures if plan is not None else ():
+        yield {
+            "name": figure.name,
+            "value": _rounded(decision.figures.get(figure.name), 4),
+            "unit": QUANTITIES[figure.quantity].unit,
+            "words": f"the {figure.statistic} of the {noun_of(figure.quantity)} of {figure.target} {figure.window}",
+        }
+
+
+def _set_thresholds(decision: Decision, rule: str) -> list[str]:
+    found = decision.reasons.record_of(rule) if isinstance(decision.reasons, Reasons) else None
+    return [each.key for each in found[1].thresholds] if found is not None else []
+
+
+# Of what an output does; each is null where it does not have it, and all while it is out of order.
+_APPLIED = ("level", "linear_mps", "angular_radps", "tilt_radps")
+
+
+def _outputs(snapshot: RunSnapshot) -> Iterator[dict[str, Any]]:
+    record = snapshot.record
+    if record is None:
+        return
+    applied = {command.output: command for command in record.applied}
+    faults = {fault.output: fault.reason for fault in record.observation.output_faults}
+    traces = {trace.output: trace for trace in record.decision.outputs}
+    for command in record.decision.commands:
+        name = command.output
+        yield {
+            "output": name,
+            "kind": "level" if isinstance(command, LevelCommand) else "motion",
+            **_figures(applied.get(name), *_APPLIED),
+            **_commanded(traces.get(name, OutputTrace(output=name, winner=""))),
+            "fault": faults.get(name, ""),
+            **_max_speeds(snapshot.plan, name),
+        }
+
+
+def _commanded(trace: OutputTrace) -> dict[str, Any]:
+    return {name: getattr(trace, name) for name in ("winner", "reason", "losers", "held_by")}
+
+
+def _max_speeds(plan: Plan | None, name: str) -> dict[str, Any]:
+    outputs = plan.outputs if plan is not None else ()
+    base = next((each for each in outputs if each.name == name and isinstance(each, BaseOutput)), None)
+    speeds = _figures(base, "linear_max_mps", "angular_max_radps")
+    return {"max_linear_mps": speeds["linear_max_mps"], "max_angular_radps": speeds["angular_max_radps"]}
+
+
+def _safety(decision: Decision | None) -> dict[str, Any]:
+    if decision is None:
+        return {"mode": "starting", "reason": "no cycle yet"}
+    return {"mode": decision.safety.value, "reason": decision.safety_reason}
+
+
+def _health(snapshot: RunSnapshot) -> dict[str, Any]:
+    health = snapshot.health
+    median_s, p95_s = health.cycle_s
+    return {
+        "frame_rate_hz": _rounded(health.frame_rate_hz, 1),
+        **_figures(health, "frame_age_s", "latency_s", "latency_p95_s"),
+        "cycle_ms": {"p50": _milliseconds(median_s), "p95": _milliseconds(p95_s)},
+        "dropped_frames": health.dropped_frames,
+        "temperature_c": _rounded(health.board.temperature_c, 1),
+        "throttling": health.board.throttling,
+        "broker": health.broker,
+        "disk_free_bytes": health.board.disk_free_bytes,
+        "memory_bytes": health.board.memory_bytes,
+        "trouble": health.trouble,
+        "mounting": health.mounting.status.value if health.mounting is not None else None,
+        "notes": [note._asdict() for note in health.notes],
+    }
+
+
+def _event(event: Event, unix_offset_s: float) -> dict[str, Any]:
+    return {
+        "number": event.sequence,
+        "at_s": _rounded(event.at_s),
+        "unix_s": _rounded(event.at_s + unix_offset_s),
+        "kind": event.kind.value,
+        "source": event.source,
+        "severity": event.severity.value,
+        "reason": event.reason,
+        "by": event.by,
+    }
+
+
+def _message(at_s: float, message: Message) -> dict[str, Any]:
+    return {"at_s": _rounded(at_s), "topic": message.topic, "payload": message.payload}
+
+
+def _pixels(point: Iterable[float]) -> list[float | None]:
+    return [_rounded(each, 1) for each in point]
+
+
+def _milliseconds(seconds: float | None) -> float | None:
+    return None if seconds is None else _rounded(seconds * 1e3)
+
+
+def _figures(known: object, *names: str, digits: int = 3) -> dict[str, float | None]:
+    """Return figures by their names, rounded; null for what is not known."""
+    return {name: _rounded(getattr(known, name, None), digits) for name in names}
+
+
+def _rounded(value: float | None, digits: int = 3) -> float | None:
+    if value is None or not math.isfinite(value):
+        return None
+    return round(float(value), digits)

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 from stadimeter.app.deliveries import Deliveries, Undelivered
 from stadimeter.app.persistence.resumption import ClockReading, Memory, resume, shift_s
-from stadimeter.app.service_folders import state_directory
+from stadimeter.app.places import state_directory
 from stadimeter.core.decide import State
 from stadimeter.core.decision import SYSTEM_EVENTS, Event
 from stadimeter.core.persistence import SnapshotChange, classify_change, find_absences, snapshot_alarms

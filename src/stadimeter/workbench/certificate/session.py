@@ -20,7 +20,7 @@ from stadimeter.app.capture import Capture
 from stadimeter.app.certificate import Certificate, Site, load_certificate, save_certificate
 from stadimeter.app.certificate_stamp import CERTIFICATE, PLACEMENTS
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.app.mounting_file import (
+from stadimeter.app.mounting import (
     PICTURES,
     keep_apart,
     load_reference,

@@ -19,8 +19,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from stadimeter.app.clock import SteppedClock
-from stadimeter.app.local_time import wall_time
+from stadimeter.app.clock import SteppedClock, wall_time
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice, DriverContext, Shared
 from stadimeter.config.rule_test_tables import InputTable, MotionTable, OperatorTable, PathPoint, SpanTable

@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 
 from msgspec import to_builtins
 
-from stadimeter.app.control.framing import encode_answer
+from stadimeter.app.control.client import encode_answer
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.server.operations import Desk, find_operation
 

@@ -22,8 +22,7 @@ from stadimeter.app.control.recording import CLIPS
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.history import Seen
 from stadimeter.app.live.pictures import Pictures
-from stadimeter.app.live.snapshot import RunSnapshot
-from stadimeter.app.live.snapshot_json import ReasonsInTurn, shared_json
+from stadimeter.app.live.snapshot import ReasonsInTurn, RunSnapshot, shared_json
 from stadimeter.app.recordings.journal import Journal, JournalHeader, load_recorded
 from stadimeter.config.untrusted_file import JSON_MAX_BYTES, open_untrusted
 from stadimeter.core.detection import Detection, DetectionStatus, Points

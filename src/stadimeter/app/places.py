@@ -1,4 +1,4 @@
-"""The places where running instances listen: a Unix socket each, in a folder that only their user can use."""
+"""The places of running instances: a Unix socket each, in a folder of their user, and the folders of a service."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from stadimeter.app.service_folders import runtime_directory
 from stadimeter.errors import ControlError
 
 # The kernel takes no longer path of a socket.
@@ -162,3 +161,31 @@ def _sockets(folder: Path) -> list[Path]:
         return sorted(check_folder(folder).glob(f"*{ENDING}"))
     except (ControlError, OSError):
         return []
+
+
+# The folders that systemd makes for a service: its state, which lasts, and its run, in memory -----
+
+
+# That of the package's service.
+SERVICE_STATE = Path("/var/lib/stadimeter")
+
+
+def state_directory(environ: Mapping[str, str] = os.environ) -> Path | None:
+    """Return the first folder of ``$STATE_DIRECTORY``; None outside a service."""
+    return _first(environ.get("STATE_DIRECTORY", ""))
+
+
+def runtime_directory(environ: Mapping[str, str] = os.environ) -> Path | None:
+    """Return the first folder of ``$RUNTIME_DIRECTORY``; None outside a service."""
+    return _first(environ.get("RUNTIME_DIRECTORY", ""))
+
+
+def mounting_places(configuration: Path, environ: Mapping[str, str] = os.environ) -> list[Path]:
+    """Return where the saved view of a camera may be: beside the configuration, or where only that can be written."""
+    beside, state = configuration.with_suffix(".mounting"), state_directory(environ)
+    return [beside, *([state / beside.name] if state is not None else [])]
+
+
+def _first(folders: str) -> Path | None:
+    first = folders.split(":", maxsplit=1)[0]
+    return Path(first) if first else None

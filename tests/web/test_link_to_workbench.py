@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from stadimeter.errors import PageError
-from stadimeter.web.workbench_link import WAITING_MAX, WorkbenchLink, command_of_workbench
+from stadimeter.web.links import WAITING_MAX, WorkbenchLink, command_of_workbench
 
 ODD = """
 import json, os, sys, time
