@@ -58,20 +58,20 @@ ENTRIES: list[tuple[str, Condition]] = [
     ('{ time_to_contact = { below = "2 s", speed_sigmas = 3 } }',
      TimeToContactCondition(below_s=2.0, speed_sigmas=3.0)),
     ('{ separation = { of = ["ball", "tag"], below = "1 m" } }', separation(targets=("ball", "tag"), below=1.0)),
-    ('{ height = { above = "2 m" } }', FigureCondition(quantity="height", above=2.0)),
-    ('{ x = { between = ["-1 m", "50 cm"], deadband = "5 cm" }, target = "tag" }',
+    ('{ place = { axis = "height", above = "2 m" } }', FigureCondition(quantity="height", above=2.0)),
+    ('{ place = { axis = "x", between = ["-1 m", "50 cm"], deadband = "5 cm" }, target = "tag" }',
      FigureCondition(quantity="x", above=-1.0, below=0.5, deadband=0.05, target="tag")),
     ('{ speed = { above = "2 m/s" } }',
      FigureCondition(quantity="speed", above=2.0, deadband_sigmas=2.0, probability_on=0.95)),
     ('{ size = { above = "20 %" } }', FigureCondition(quantity="size", above=0.2)),
     ('{ still_for = "10 min", still_within = "5 cm" }', still(600.0, within_m=0.05)),
     ('{ nearer_than = "tag" }', FigureCondition(quantity="distance", below=0.0, other="tag")),
-    ('{ target = "ball", right_of = { target = "tag", by = "10 deg", deadband = "1 deg" } }',
+    ('{ target = "ball", left_of = { target = "tag", by = "10 deg", deadband = "1 deg" } }',
      FigureCondition(
-         quantity="bearing", above=math.radians(10), deadband=math.radians(1), target="ball", other="tag"
+         quantity="bearing", below=-math.radians(10), deadband=math.radians(1), target="ball", other="tag"
      )),
-    ('{ lower_than = { target = "tag", by = "20 cm", probability = 0.9 } }',
-     FigureCondition(quantity="height_above_camera", below=-0.2, probability_on=0.9, other="tag")),
+    ('{ higher_than = { target = "tag", by = "20 cm", probability = 0.9 } }',
+     FigureCondition(quantity="height_above_camera", above=0.2, probability_on=0.9, other="tag")),
     ("{ count = { at_least = 2 } }", CountCondition(at_least=2)),
     ('{ count = { at_most = 1, of = ["ball", "tag"] } }', CountCondition(at_most=1, targets=("ball", "tag"))),
     ('{ rule = "too-close" }', RuleCondition(rule="too-close")),
@@ -150,6 +150,9 @@ MISPLACED = [
     ('when = { below = "1 m", hysteresis = "5 cm" }', "when.hysteresis", "it is called deadband"),
     ('when = { below = "1 m" }\ndebounce = "1 s"', "debounce", 'write on_delay = "2 s"'),
     ('below = "1 m"', "below", 'write it inside when, such as when = { below = "50 cm" }'),
+    ('when = { height = { above = "1 m" } }', "when.height", 'write place = { axis = "height", above = … }'),
+    ('when = { further_than = "tag" }', "when.further_than", 'write { target = "tag", nearer_than = "ball" }'),
+    ('when = { below = "1 m" }\nthen = []', "then", "it is called escalation: [[rules.NAME.escalation]]"),
     ('ramp = { from = "2 m", to = "1 m" }\npattern = { on = "0.1 s", off = "0.1 s" }', "pattern", "beeps by itself"),
 ]
 

@@ -71,10 +71,10 @@ CONDITIONS = {
     'nearer_than = "ball"': "error condition-keys",
     'nearer_than = "tga"': "error unknown-name",
     'left_of = { target = "tag", by = "1 m" }': "error bad-value",
-    'all = [{ nearer_than = "tag" }, { further_than = "tag" }]': "error never-true",
+    'all = [{ nearer_than = "tag" }, { target = "tag", nearer_than = "ball" }]': "error never-true",
     'all = [{ left_of = "tag" }, { target = "tag", lost = true }]': "error never-true",
     # Quantities.
-    'height = { above = "2 m" }': "error height-unknown",
+    'place = { axis = "height", above = "2 m" }': "error height-unknown",
     'speed = { below = "0 m/s" }': "error never-true",
     'size = { above = "2000 %" }': "error bad-value",
     'still_within = "1 m"': "error condition-keys",

@@ -56,7 +56,7 @@ _LIMITS = (("above", "below"), ("between",))
 _CONDITION_KINDS = (*_LIMITS, *((key,) for key in (*KEYS_OF_A_TARGET, *KEYS_OF_NO_TARGET, *KEYS_OF_OTHERS)))
 
 # Conditions that are a table of their own, in which their deadbands and probabilities stand.
-_BETWEEN_LIMITS = ("bearing", "elevation", "closing_speed", "separation", "figure", *KEYS_OF_QUANTITIES)
+_BETWEEN_LIMITS = ("bearing", "elevation", "closing_speed", "separation", "figure", "place", *KEYS_OF_QUANTITIES)
 _INSIDE = (*_BETWEEN_LIMITS, "time_to_contact", *KEYS_OF_COMPARISONS)
 
 _GATED = f"{', '.join(GATED[:-1])} and {GATED[-1]}"

@@ -24,7 +24,7 @@ from stadimeter.core.conditions.figures import Quantity
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
-from stadimeter.core.conditions.quantities import STILL_WITHIN_M
+from stadimeter.core.conditions.quantities import AXES, STILL_WITHIN_M
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
 
@@ -32,6 +32,14 @@ from stadimeter.core.decision import Severity
 MAX_DEPTH = 20
 
 _DISTANCE = DistanceCondition()
+
+# Keys that a condition no longer has, and what says the same.
+LEFT = {
+    **{axis: f'write place = {{ axis = "{axis}", above = … }}, or below, or between' for axis in AXES},
+    "further_than": 'write { target = "tag", nearer_than = "ball" }',
+    "right_of": 'write { target = "tag", left_of = "ball" }',
+    "lower_than": 'write { target = "tag", higher_than = "ball" }',
+}
 
 
 def _only_true(value: object) -> bool:
@@ -59,6 +67,7 @@ class WhenTable(LimitsTable, LikelihoodTable):
         "on_delay": "write it beside when",
         "off_delay": "write it beside when",
         "hysteresis": "it is called deadband",
+        **LEFT,
     }
 
     above: Length | None = None
@@ -93,20 +102,8 @@ class WhenTable(LimitsTable, LikelihoodTable):
     """Holds while the target comes nearer at this speed."""
     time_to_contact: ContactTable | None = None
     """Holds while the target will be here this soon."""
-    x: figures.CoordinateTable | None = None
-    """Holds while the target is this far to the right of the camera."""
-    y: figures.CoordinateTable | None = None
-    """Holds while the target is this far below the camera, in the picture's direction."""
-    z: figures.CoordinateTable | None = None
-    """Holds while the target is this far ahead of the camera, along the optical axis."""
-    height: figures.CoordinateTable | None = None
-    """Holds while the target is this high above the floor; needs `height` in the section of the camera."""
-    height_above_camera: figures.CoordinateTable | None = None
-    """Holds while the target is this high above the camera."""
-    ahead: figures.CoordinateTable | None = None
-    """Holds while the target is this far ahead of the middle of the robot, along the floor."""
-    left: figures.CoordinateTable | None = None
-    """Holds while the target is this far to the left of the middle of the robot."""
+    place: figures.AxisTable | None = None
+    """Holds while the target is this far along an axis."""
     sideways_speed: figures.SpeedTable | None = None
     """Holds while the target moves to the right at this speed."""
     speed: figures.SpeedTable | None = None
@@ -119,16 +116,10 @@ class WhenTable(LimitsTable, LikelihoodTable):
     """In metres; for `still_for`, the target has moved when it is further than this from where it began to stand."""
     nearer_than: figures.Comparison | None = None
     """Holds while the target is nearer than another one."""
-    further_than: figures.Comparison | None = None
-    """Holds while the target is further away than another one."""
     left_of: figures.DirectionComparison | None = None
     """Holds while the target is to the left of another one, as seen by the camera."""
-    right_of: figures.DirectionComparison | None = None
-    """Holds while the target is to the right of another one, as seen by the camera."""
     higher_than: figures.Comparison | None = None
     """Holds while the target is higher above the floor than another one."""
-    lower_than: figures.Comparison | None = None
-    """Holds while the target is lower than another one."""
     separation: figures.SeparationTable | None = None
     """Holds while two targets are this far apart."""
     count: CountTable | None = None
@@ -209,9 +200,7 @@ def _parts(tables: list[WhenTable] | None, severity: Severity) -> tuple[Conditio
 _Conversion = Callable[[Any, Severity], Condition]
 
 # The quantities that have a table of their own shape, and are converted alike.
-KEYS_OF_QUANTITIES = (
-    "x", "y", "z", "ahead", "left", "height", "height_above_camera", "sideways_speed", "speed", "size",
-)  # fmt: skip
+KEYS_OF_QUANTITIES = ("sideways_speed", "speed", "size")
 KEYS_OF_COMPARISONS = tuple(COMPARISONS)
 
 
@@ -231,6 +220,7 @@ _OF_A_TARGET: dict[str, _Conversion] = {
     "lost_for": lambda when, _: _presence(when, seen=False, for_s=when.lost_for),
     **{key: _on_quantity(key) for key in ("bearing", "elevation", "closing_speed")},
     "time_to_contact": lambda when, severity: when.time_to_contact.to_plan(severity, when.target or ""),
+    "place": lambda when, severity: when.place.to_plan(when.place.axis, severity, when.target or ""),
     **{key: _on_quantity(key) for key in KEYS_OF_QUANTITIES},
     "still_for": lambda when, _: FigureCondition(
         quantity="still", above=when.still_for, within_m=when.still_within, target=when.target or "", **figures.AS_IT_IS

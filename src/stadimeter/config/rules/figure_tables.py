@@ -12,7 +12,7 @@ from stadimeter.config import units
 from stadimeter.config.rules.limit_tables import Likelihood, LikelihoodTable, LimitsTable, Probability, Sigmas
 from stadimeter.core.bounds import SIZE_UNIT
 from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
-from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
+from stadimeter.core.conditions.quantities import QUANTITIES, Axis, noun_of
 from stadimeter.core.decision import Severity
 
 # A speed is estimated from many frames, and overshoots for some tenths of a second after a target has set off. At even
@@ -93,8 +93,13 @@ class DirectionTable(QuantityTable[units.Angle, units.AngleOrZero]):
     """How far the target must come back."""
 
 
-class CoordinateTable(QuantityTable[units.Coordinate, units.LengthOrZero], LikelihoodTable):
-    """A condition on where the target is, along one axis or above something."""
+class AxisTable(QuantityTable[units.Coordinate, units.LengthOrZero], LikelihoodTable):
+    """A condition on where the target is, along one axis."""
+
+    axis: Axis
+    """From the camera: `x` to the right in the picture, `y` down, `z` ahead along the optical axis, and
+    `height_above_camera` along the vertical. From the middle of the robot, along the floor: `ahead` and `left`. Above
+    the floor: `height`, which needs `height` in the section of the camera."""
 
 
 class SizeTable(QuantityTable[Size, Size], LikelihoodTable):

@@ -14,13 +14,11 @@ from stadimeter.core.tracking.transverse import AskedMotion
 # How the noun of a difference begins.
 DIFFERENCE = "difference in "
 
-# What is compared, and whether the first target is to have more of it than the second.
+# What is compared, and whether the first target is to have more of it than the second. The contrary is written by
+# naming the two the other way round.
 COMPARISONS: dict[str, tuple[str, bool]] = {
     "nearer_than": ("distance", False),
-    "further_than": ("distance", True),
     "left_of": ("bearing", False),
-    "right_of": ("bearing", True),
-    "lower_than": ("height_above_camera", False),
     "higher_than": ("height_above_camera", True),
 }
 
@@ -61,7 +59,7 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def comparison(self) -> str:
         """The key that a comparison is written with."""
-        return next(key for key, what in COMPARISONS.items() if what == (self.quantity, self.above is not None))
+        return next(key for key, (quantity, _) in COMPARISONS.items() if quantity == self.quantity)
 
     @property
     def noun(self) -> str:
@@ -70,8 +68,10 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def section(self) -> str:
-        """The table of a quantity is called like it, and that of a comparison like its key."""
-        return self.comparison if self.is_comparison else self.quantity
+        """The table of a quantity is called like it, that of a place so, and that of a comparison like its key."""
+        if self.is_comparison:
+            return self.comparison
+        return "place" if self.quantity in quantities.AXES else self.quantity
 
     @property
     def unit(self) -> str:
