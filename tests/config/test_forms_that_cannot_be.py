@@ -77,8 +77,7 @@ CONDITIONS = {
     'place = { axis = "height", above = "2 m" }': "error height-unknown",
     'speed = { below = "0 m/s" }': "error never-true",
     'size = { above = "2000 %" }': "error bad-value",
-    'still_within = "1 m"': "error condition-keys",
-    'all = [{ still_for = "1 min" }, { lost = true }]': "error never-true",
+    'all = [{ still = { for = "1 min" } }, { lost = true }]': "error never-true",
     # The order of rules.
     'sequence_of = { rules = ["near", "near"], within = "2 s" }': "error order-twice",
     'sequence_of = { rules = ["near", "each"], within = "2 s" }': "error order-of-several",

@@ -3,7 +3,7 @@
 Annotations are no texts here, as in every file of tables.
 """
 
-from typing import Annotated, Any, ClassVar, Generic, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar
 
 from msgspec.structs import replace
 from pydantic import BeforeValidator, Discriminator, Field, Tag
@@ -112,6 +112,18 @@ class SpeedTable(QuantityTable[units.Velocity, units.Speed], LikelihoodTable):
     deadband_sigmas: Sigmas = 2.0
     probability: Probability = 0.95
     probability_for_safety: ClassVar[float] = PROBABILITY_OF_SPEED_FOR_SAFETY
+
+
+class AnySpeedTable(SpeedTable):
+    """A condition on the speed in all directions together, or across the line of sight."""
+
+    axis: Literal["sideways"] | None = None
+    """``"sideways"`` for the speed to the right."""
+
+    @property
+    def quantity(self) -> str:
+        """The quantity that it is on."""
+        return f"{self.axis}_speed" if self.axis else "speed"
 
 
 class SeparationTable(QuantityTable[units.Length, units.LengthOrZero], LikelihoodTable):

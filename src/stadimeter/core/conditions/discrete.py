@@ -45,7 +45,7 @@ class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
         """The time, for one that takes time; one that takes none is another condition, ``seen`` or ``lost``."""
-        key = "seen_for" if self.seen else "lost_for"
+        key = "seen" if self.seen else "lost"
         return (Threshold(key, "for_s", MIN_QUANTITY, MAX_DURATION_S),) if self.for_s else ()
 
     @property

@@ -71,7 +71,9 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         """The table of a quantity is called like it, that of a place so, and that of a comparison like its key."""
         if self.is_comparison:
             return self.comparison
-        return "place" if self.quantity in quantities.AXES else self.quantity
+        if self.quantity in quantities.AXES:
+            return "place"
+        return "speed" if self.quantity == "sideways_speed" else self.quantity
 
     @property
     def unit(self) -> str:
@@ -90,9 +92,9 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
-        """As of any limits; the time of standing still is written without a table of its own."""
+        """As of any limits; the time of standing still is written as ``for``."""
         found = LimitsCondition.thresholds.fget(self)  # type: ignore[attr-defined]
-        return tuple([each._replace(key="still_for") for each in found]) if self.quantity == "still" else found
+        return tuple([each._replace(key="still.for") for each in found]) if self.quantity == "still" else found
 
     @property
     def targets_named(self) -> tuple[str, ...]:

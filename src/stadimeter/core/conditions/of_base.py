@@ -54,7 +54,7 @@ class BatteryCondition(Leaf, Struct, frozen=True, kw_only=True):
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
         """The voltage."""
-        return (Threshold("battery_below", "below_v", 0.0, MAX_VOLTAGE_V),)
+        return (Threshold("base.battery_below", "below_v", 0.0, MAX_VOLTAGE_V),)
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
         """Check whether it holds; None while the voltage is not known."""
