@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_BY_UNIT, MIN_QUANTITY
 from stadimeter.core.conditions import quantities
 from stadimeter.core.conditions.figures import Uncertain
-from stadimeter.core.conditions.leaf import RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold, back_words, closing_words
 from stadimeter.core.conditions.limits import LimitsCondition
 from stadimeter.core.tracking.transverse import AskedMotion
+from stadimeter.core.words import duration, figure_in_words, length, metres, uncertain_figure
 
 # How the noun of a difference begins.
 DIFFERENCE = "difference in "
@@ -113,3 +116,63 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def _of(self) -> tuple[str, str, str, float]:
         return self.target, self.quantity, self.other, self.within_m
+
+    @property
+    def _is_apart(self) -> bool:
+        return self.quantity == quantities.OF_TWO
+
+    @property
+    def sides(self) -> tuple[str, str]:  # type: ignore[override]  # of others it is a constant
+        """Words of its own for how far two targets are apart."""
+        return ("nearer to each other than ", "further apart than ") if self._is_apart else Leaf.sides
+
+    @property
+    def doubt(self) -> str:  # type: ignore[override]
+        """How sure directions are is not known where they are compared as they are."""
+        if self._is_apart:
+            return "; how sure the directions are is not known, and not counted"
+        is_direction = self.noun in {"bearing", "elevation"}
+        return "; how sure a direction is, is not known" if is_direction else ""
+
+    @property
+    def subject(self) -> str:
+        """The quantity and the target, or both targets."""
+        return f"`{self.target}` and `{self.other}` are" if self._is_apart else Leaf.subject.fget(self)  # type: ignore[attr-defined]
+
+    @property
+    def begins(self) -> str:
+        """Words of its own for standing still and for a comparison."""
+        if self.quantity == "still":
+            return f"`{self.target}` has not moved by more than {length(self.within_m)} for {duration(self.limits[0])}"
+        if self.is_comparison:
+            by = abs(next(limit for limit in self.limits if math.isfinite(limit)))
+            more = f" by {figure_in_words(by, self.unit)}" if by else ""
+            return f"`{self.target}` is {self.comparison.replace('_', ' ')} `{self.other}`{more}"
+        return Leaf.begins.fget(self)  # type: ignore[attr-defined, no-any-return]
+
+    @property
+    def ends(self) -> str:
+        """Where the figure must come back to; standing still ends with any motion."""
+        if self.quantity == "still":
+            return "it has moved"
+        if self._is_apart:
+            return f"they are {back_words(self, self.deadband, self.deadband_sigmas)}"
+        return LimitsCondition.ends.fget(self)  # type: ignore[attr-defined, no-any-return]
+
+    def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:
+        """Return the figure and the thresholds; of two targets apart both are named already. See `Leaf.verdict`."""
+        named = names_target and not self._is_apart
+        return Leaf.verdict(self, inputs, is_on, names_target=named, with_probability=with_probability)
+
+    def value_words(self, reading: JudgedFigure) -> str:
+        """Return the figure, with its standard deviation where that is known."""
+        value, sigma = reading.value, reading.sigma or 0.0
+        if self.quantity == "closing_speed":
+            return closing_words(value, sigma)
+        if self._is_apart:
+            return f"{self.target} and {self.other} {metres(value, sigma)} apart"
+        if reading.sigma is not None:
+            return uncertain_figure(self.noun + (f" to {self.other}" if self.other else ""), value, sigma, self.unit)
+        if self.unit == "rad":
+            return f"{self.noun} {math.degrees(value):+.1f}°"
+        return Leaf.value_words(self, reading)
