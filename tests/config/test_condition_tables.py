@@ -44,8 +44,8 @@ ENTRIES: list[tuple[str, Condition]] = [
      DistanceCondition(below_m=1.0, probability_on=None, probability_off=0.3)),
     ("{ seen = true }", PresenceCondition(seen=True)),
     ('{ lost = true, target = "tag" }', PresenceCondition(seen=False, target="tag")),
-    ('{ seen_for = "5 s" }', PresenceCondition(seen=True, for_s=5.0)),
-    ('{ lost_for = "5 min" }', PresenceCondition(seen=False, for_s=300.0)),
+    ('{ seen = "5 s" }', PresenceCondition(seen=True, for_s=5.0)),
+    ('{ lost = "5 min" }', PresenceCondition(seen=False, for_s=300.0)),
     ('{ bearing = { above = "-10 deg", deadband = "2 deg" } }',
      direction(above=math.radians(-10), deadband=math.radians(2))),
     ('{ elevation = { between = ["0 deg", "90 deg"] }, target = "tag" }',
@@ -58,28 +58,30 @@ ENTRIES: list[tuple[str, Condition]] = [
     ('{ time_to_contact = { below = "2 s", speed_sigmas = 3 } }',
      TimeToContactCondition(below_s=2.0, speed_sigmas=3.0)),
     ('{ separation = { of = ["ball", "tag"], below = "1 m" } }', separation(targets=("ball", "tag"), below=1.0)),
-    ('{ height = { above = "2 m" } }', FigureCondition(quantity="height", above=2.0)),
-    ('{ x = { between = ["-1 m", "50 cm"], deadband = "5 cm" }, target = "tag" }',
+    ('{ place = { axis = "height", above = "2 m" } }', FigureCondition(quantity="height", above=2.0)),
+    ('{ place = { axis = "x", between = ["-1 m", "50 cm"], deadband = "5 cm" }, target = "tag" }',
      FigureCondition(quantity="x", above=-1.0, below=0.5, deadband=0.05, target="tag")),
     ('{ speed = { above = "2 m/s" } }',
      FigureCondition(quantity="speed", above=2.0, deadband_sigmas=2.0, probability_on=0.95)),
+    ('{ speed = { axis = "sideways", below = "-1 m/s" } }',
+     FigureCondition(quantity="sideways_speed", below=-1.0, deadband_sigmas=2.0, probability_on=0.95)),
     ('{ size = { above = "20 %" } }', FigureCondition(quantity="size", above=0.2)),
-    ('{ still_for = "10 min", still_within = "5 cm" }', still(600.0, within_m=0.05)),
+    ('{ still = { for = "10 min", within = "5 cm" } }', still(600.0, within_m=0.05)),
     ('{ nearer_than = "tag" }', FigureCondition(quantity="distance", below=0.0, other="tag")),
-    ('{ target = "ball", right_of = { target = "tag", by = "10 deg", deadband = "1 deg" } }',
+    ('{ target = "ball", left_of = { target = "tag", by = "10 deg", deadband = "1 deg" } }',
      FigureCondition(
-         quantity="bearing", above=math.radians(10), deadband=math.radians(1), target="ball", other="tag"
+         quantity="bearing", below=-math.radians(10), deadband=math.radians(1), target="ball", other="tag"
      )),
-    ('{ lower_than = { target = "tag", by = "20 cm", probability = 0.9 } }',
-     FigureCondition(quantity="height_above_camera", below=-0.2, probability_on=0.9, other="tag")),
+    ('{ higher_than = { target = "tag", by = "20 cm", probability = 0.9 } }',
+     FigureCondition(quantity="height_above_camera", above=0.2, probability_on=0.9, other="tag")),
     ("{ count = { at_least = 2 } }", CountCondition(at_least=2)),
     ('{ count = { at_most = 1, of = ["ball", "tag"] } }', CountCondition(at_most=1, targets=("ball", "tag"))),
     ('{ rule = "too-close" }', RuleCondition(rule="too-close")),
     ('{ time = { between = ["22:00", "06:00"], days = ["sun", "mon", "mon"] } }',
      ScheduleCondition(from_s=79200.0, to_s=21600.0, weekdays=(0, 6))),
-    ("{ bumped = true }", ContactSensorCondition(sensor="is_bumped")),
-    ("{ at_cliff = true }", ContactSensorCondition(sensor="is_at_cliff")),
-    ('{ battery_below = "10800 mV" }', BatteryCondition(below_v=10.8)),
+    ('{ base = "bumped" }', ContactSensorCondition(sensor="is_bumped")),
+    ('{ base = "at_cliff" }', ContactSensorCondition(sensor="is_at_cliff")),
+    ('{ base = { battery_below = "10800 mV" } }', BatteryCondition(below_v=10.8)),
     ('{ undelivered_for = "5 s" }', UndeliveredCondition(for_s=5.0)),
     ("{ time = { between = [22:00:00, 06:30:00] } }", ScheduleCondition(from_s=79200.0, to_s=23400.0)),
     ('{ all = [ { below = "1 m" }, { not = { seen = true } } ] }',
@@ -111,9 +113,9 @@ def test_a_safety_rule_acts_as_soon_as_danger_is_as_likely_as_not(subtests: pyte
 
 def test_several_conditions_in_one_table_are_short_for_all_of_them() -> None:
     time = 'time = { between = ["22:00", "06:00"] }'
-    text = f'{{ {time}, below = "1 m", deadband = "5 cm", seen_for = "2 s", target = "tag" }}'
+    text = f'{{ {time}, below = "1 m", deadband = "5 cm", seen = "2 s", target = "tag" }}'
     long = (
-        '{ all = [{ below = "1 m", deadband = "5 cm", target = "tag" }, { seen_for = "2 s", target = "tag" }, '
+        '{ all = [{ below = "1 m", deadband = "5 cm", target = "tag" }, { seen = "2 s", target = "tag" }, '
         f"{{ {time} }}] }}"
     )
     assert plan(text) == plan(long)
@@ -137,7 +139,7 @@ WRONG = [
     ('{ time = { between = ["22:00", "25:00"] } }', "'25:00' is no time that a clock shows; write it such as '22:30'"),
     ('{ time = { between = ["22:00", "06:00"], days = ["mon", "tues"] } }', "rules.it.when.time.days.1: 'tues'"),
     ('{ time_to_contact = { contact = "1 m" } }', "rules.it.when.time_to_contact.below: 'below' is missing"),
-    ('{ lost = false }', "only true can be written here; the opposite of 'seen = true' is 'lost = true'"),
+    ('{ lost = false }', "write true, or a time such as '5 min'; the opposite of 'seen = true' is 'lost = true'"),
     ("{ all = [] }", "rules.it.when.all: [] is a list of fewer than 1 entries"),
     ('{ not = [ { seen = true } ] }', "rules.it.when.not: [a table] is not a table; write it as { … }"),
     ('{ all = [ { bellow = "1 m" } ] }', "rules.it.when.all.0.bellow: unknown key 'bellow' (did you mean 'below'?)"),
@@ -150,6 +152,12 @@ MISPLACED = [
     ('when = { below = "1 m", hysteresis = "5 cm" }', "when.hysteresis", "it is called deadband"),
     ('when = { below = "1 m" }\ndebounce = "1 s"', "debounce", 'write on_delay = "2 s"'),
     ('below = "1 m"', "below", 'write it inside when, such as when = { below = "50 cm" }'),
+    ('when = { height = { above = "1 m" } }', "when.height", 'write place = { axis = "height", above = … }'),
+    ('when = { still_for = "1 min" }', "when.still_for", 'write still = { for = "10 min" }'),
+    ('when = { lost_for = "1 min" }', "when.lost_for", 'write lost = "5 min"'),
+    ('when = { battery_below = "1 V" }', "when.battery_below", 'write base = { battery_below = "11 V" }'),
+    ('when = { further_than = "tag" }', "when.further_than", 'write { target = "tag", nearer_than = "ball" }'),
+    ('when = { below = "1 m" }\nthen = []', "then", "it is called escalation: [[rules.NAME.escalation]]"),
     ('ramp = { from = "2 m", to = "1 m" }\npattern = { on = "0.1 s", off = "0.1 s" }', "pattern", "beeps by itself"),
 ]
 
@@ -194,8 +202,8 @@ SENTENCES = [
      "when `ball` is nearer than 1.00 m (3.3 ft) with a probability of {sure} and it is between 22:00 and 06:00"),
     ('{ any = [ { not = { seen = true } }, { rule = "other" } ] }',
      "when not (`ball` is in sight) or `other` is active"),
-    ('{ lost_for = "90 s" }', "when `ball` is out of sight for 90 s"),
-    ('{ seen_for = "8 h" }', "when `ball` is in sight for 8 h"),
+    ('{ lost = "90 s" }', "when `ball` is out of sight for 90 s"),
+    ('{ seen = "8 h" }', "when `ball` is in sight for 8 h"),
     ('{ bearing = { above = "20 deg" } }',
      "when the bearing of `ball` is above 20.0° in 3 of 5 frames; clears when its bearing is below 18.9°"),
     ('{ closing_speed = { above = "0.5 m/s", probability = "none" } }',

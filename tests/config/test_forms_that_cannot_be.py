@@ -71,14 +71,13 @@ CONDITIONS = {
     'nearer_than = "ball"': "error condition-keys",
     'nearer_than = "tga"': "error unknown-name",
     'left_of = { target = "tag", by = "1 m" }': "error bad-value",
-    'all = [{ nearer_than = "tag" }, { further_than = "tag" }]': "error never-true",
+    'all = [{ nearer_than = "tag" }, { target = "tag", nearer_than = "ball" }]': "error never-true",
     'all = [{ left_of = "tag" }, { target = "tag", lost = true }]': "error never-true",
     # Quantities.
-    'height = { above = "2 m" }': "error height-unknown",
+    'place = { axis = "height", above = "2 m" }': "error height-unknown",
     'speed = { below = "0 m/s" }': "error never-true",
     'size = { above = "2000 %" }': "error bad-value",
-    'still_within = "1 m"': "error condition-keys",
-    'all = [{ still_for = "1 min" }, { lost = true }]': "error never-true",
+    'all = [{ still = { for = "1 min" } }, { lost = true }]': "error never-true",
     # The order of rules.
     'sequence_of = { rules = ["near", "near"], within = "2 s" }': "error order-twice",
     'sequence_of = { rules = ["near", "each"], within = "2 s" }': "error order-of-several",

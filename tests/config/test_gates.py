@@ -46,7 +46,7 @@ def load(tmp_path):
 def test_when_beside_a_ramp_or_follow_is_its_gate(load):
     beep, follow = load(
         'when = { above = "1 m" }\nshelve_max = "1 h"\n'
-        f'{FOLLOW}when = {{ target = "tag", seen = true }}\nsuppress_when = {{ lost_for = "1 s" }}\n'
+        f'{FOLLOW}when = {{ target = "tag", seen = true }}\nsuppress_when = {{ lost = "1 s" }}\n'
     ).plan.rules
     gate = beep.gate
     assert isinstance(gate.condition, DistanceCondition)

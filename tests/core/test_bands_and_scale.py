@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from stadimeter.core.condition_words import collect_evidence, describe_verdict
 from stadimeter.core.conditions.compounds import judge
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.evidence import collect_evidence, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.rule import RampRule

@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from stadimeter.core.condition_words import collect_evidence, describe_begin, describe_end, describe_verdict
 from stadimeter.core.conditions.compounds import judge, judged_by_cycle
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.evidence import collect_evidence, describe_begin, describe_end, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.summary import Window

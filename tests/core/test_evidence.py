@@ -7,11 +7,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from stadimeter.core.condition_words import collect_evidence
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not, judge
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.evidence import collect_evidence
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.measurement import Track, TrackStatus
 from support.conditions import closing, direction, separation

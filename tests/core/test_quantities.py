@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import Mount
 from stadimeter.core.command import BaseReport
-from stadimeter.core.condition_words import describe_begin, describe_end, describe_verdict
+from stadimeter.core.conditions.evidence import describe_begin, describe_end, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.quantities import uncertain_of

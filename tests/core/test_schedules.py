@@ -5,8 +5,8 @@ from datetime import date, timedelta
 
 import pytest
 
-from stadimeter.core.condition_words import clock_words, hours
 from stadimeter.core.conditions.discrete import DateSpan, ScheduleCondition
+from stadimeter.core.conditions.evidence import describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.observation import MonthDay, WallTime
 
@@ -15,6 +15,10 @@ CHRISTMAS = DateSpan(MonthDay(12, 24), MonthDay(12, 26))
 NIGHT = ScheduleCondition(from_s=0.0, to_s=0.0, from_sun="sunset", to_sun="sunrise")
 BY_DAY = ScheduleCondition(from_s=0.0, to_s=0.0, from_sun="sunrise", to_sun="sunset")
 POLAR_NIGHT, POLAR_DAY = (math.inf, -math.inf), (-math.inf, math.inf)
+
+
+def words(schedule, wall):
+    return describe_verdict(schedule, inputs(wall), (), is_active=False)
 
 
 def month_and_day(day):
@@ -67,7 +71,7 @@ def test_29_february_is_a_day_of_leap_years():
 def test_without_a_date_one_by_dates_is_not_known():
     schedule = ScheduleCondition(from_s=0.0, to_s=86400.0, dates=(CHRISTMAS,))
     assert schedule.covers(WallTime(second_of_day=0.0, weekday=0)) is None
-    assert "the date is not known" in clock_words(schedule, inputs(WallTime(second_of_day=0.0, weekday=0)))
+    assert "the date is not known" in words(schedule, WallTime(second_of_day=0.0, weekday=0))
 
 
 def inputs(wall):
@@ -129,8 +133,10 @@ def test_without_a_place_one_by_the_sun_is_not_known():
 
 def test_words_say_what_the_sun_does_today():
     delayed = ScheduleCondition(from_s=1800.0, to_s=-HOUR_S, from_sun="sunset", to_sun="sunrise", dates=(CHRISTMAS,))
-    assert hours(delayed) == "between 30 min after sunset and 1 h before sunrise on 12-24 to 12-26"
-    assert clock_words(NIGHT, inputs(at(date(2026, 3, 1), 12.0, seconds(6.5, 18.5)))).endswith(
-        "(sunrise 06:30, sunset 18:30)"
-    )
-    assert clock_words(NIGHT, inputs(at(date(2026, 3, 1), 12.0, POLAR_DAY))).endswith("(the sun is up all day)")
+    assert delayed.hours == "between 30 min after sunset and 1 h before sunrise on 12-24 to 12-26"
+    assert NIGHT.verdict(
+        inputs(at(date(2026, 3, 1), 12.0, seconds(6.5, 18.5))), False, names_target=True, with_probability=False
+    ).endswith("(sunrise 06:30, sunset 18:30)")
+    assert NIGHT.verdict(
+        inputs(at(date(2026, 3, 1), 12.0, POLAR_DAY)), False, names_target=True, with_probability=False
+    ).endswith("(the sun is up all day)")

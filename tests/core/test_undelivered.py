@@ -2,7 +2,7 @@
 
 import pytest
 
-from stadimeter.core.condition_words import describe_begin, describe_verdict
+from stadimeter.core.conditions.evidence import describe_begin, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 

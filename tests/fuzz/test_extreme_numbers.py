@@ -58,7 +58,7 @@ when = { between = ["1 m", "2 m"] }
 [rules.soon]
 when = { time_to_contact = { below = "3 s" } }
 [rules.gone]
-when = { lost_for = "1 s" }
+when = { lost = "1 s" }
 [rules.side]
 when = { bearing = { above = "10 deg" } }
 [rules.follow]

@@ -56,7 +56,7 @@ target = "ball"
 when = { lost = true }
 [rules.either]
 target = "ball"
-when = { any = [{ rule = "near" }, { battery_below = "11 V" }, { not = { seen = true } }] }
+when = { any = [{ rule = "near" }, { base = { battery_below = "11 V" } }, { not = { seen = true } }] }
 observe = true
 [rules.louder]
 target = "ball"

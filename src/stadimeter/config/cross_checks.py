@@ -22,7 +22,6 @@ from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_li
 from stadimeter.config.loop_gain import loop_findings
 from stadimeter.config.plugins import marked_options
 from stadimeter.config.rules.condition_tables import (
-    KEY_ABOUT_STANDING,
     KEYS_ABOUT_DISTANCE,
     KEYS_ABOUT_WHOM,
     KEYS_OF_A_TARGET,
@@ -314,9 +313,6 @@ def _not_empty(at: KeyPath, table: Mapping[str, Any], written: list[str]) -> Ite
 
 
 def _meaningless(at: KeyPath, table: Mapping[str, Any], written: list[str]) -> Iterator[Finding]:
-    if KEY_ABOUT_STANDING in table and "still_for" not in table:
-        message = f"'{KEY_ABOUT_STANDING}' has a meaning only beside still_for"
-        yield Finding((*at, KEY_ABOUT_STANDING), message, 'add such as still_for = "10 min"', "condition-keys")
     about = [key for key in KEYS_ABOUT_WHOM if key in table]
     for key in about[1:]:
         yield Finding((*at, key), f"'{about[0]}' says already whom this is about", "keep one of them", "condition-keys")

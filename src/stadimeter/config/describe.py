@@ -10,8 +10,8 @@ from stadimeter.config.loader import Configuration
 from stadimeter.config.models import ButtonTable, WebTable
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.condition_words import describe_begin, describe_end
 from stadimeter.core.conditions.compounds import Condition, leaves
+from stadimeter.core.conditions.evidence import describe_begin, describe_end
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
 from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.plan import BaseOutput, LevelOutput, Output

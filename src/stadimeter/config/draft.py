@@ -174,7 +174,6 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     figures: dict[str, FigureTable] = field(default_factory=dict)
     tests: dict[int, RuleTest] = field(default_factory=dict)
     compiled: tuple[CompiledRule, ...] = ()
-    renamed: tuple[Finding, ...] = ()
 
     def names(self, section: str) -> tuple[str, ...]:
         """Return the names that a section such as ``actuators`` declares, in order, even of what could not be read.

@@ -29,7 +29,6 @@ from stadimeter.config.models import (
 )
 from stadimeter.config.optional_tables import BlackBoxTable, MountingTable, RecordingTable, TimelineTable
 from stadimeter.config.plugins import DriverChoice
-from stadimeter.config.renamed_keys import with_current_keys
 from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.config.secrets import without_secrets
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
@@ -191,14 +190,13 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
     Raises:
         ConfigError: It lists every problem, in the order of the file.
     """
-    source, renamed = with_current_keys(read_toml(path, CONFIGURATION_MAX_BYTES, texts=texts))
+    source = read_toml(path, CONFIGURATION_MAX_BYTES, texts=texts)
     if "fx_px" in source.table and "targets" not in source.table:
         hint = f'name it in a configuration, as model = "{path.name}" in its [camera]'
         raise ConfigError([Problem("this is a camera file, not a configuration", str(path), hint=hint)])
     source, wrong_in_others = with_chosen_base(source, validation_context(path))
     draft = read_draft(source.table, path, texts)
     draft.findings += wrong_in_others
-    draft.renamed = renamed
     if with_tests and source.table.get("tests"):
         from stadimeter.config.rule_test_checks import read_tests  # noqa: PLC0415 - most runs have no tests
 

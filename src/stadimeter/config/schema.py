@@ -39,7 +39,7 @@ _FOR_NUMBERS = ("exclusiveMinimum", "exclusiveMaximum", "minimum", "maximum", "m
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
-_REFERENCE = re.compile(r'"#/\$defs/([^"]+)"')
+_REFERENCE = re.compile(r'"#/\$defs/([^"/]+)')
 _NAME = {"pattern": "^[A-Za-z0-9_-]+$"}
 _TABLES: dict[str, type[BaseModel]] = {
     **OPTIONAL_TABLES,
@@ -162,8 +162,8 @@ def _one_driver(
     ]
     properties = {
         kind.key: {"const": name, "description": own.get("description", "")},
-        **common.get("properties", {}),
-        **own.get("properties", {}),
+        **_shared_keys(by_model[kind.common], definitions),
+        **(_shared_keys(by_model[options], definitions) if options else {}),
     }
     if kind is CAMERA:
         properties["model"] = _camera_model(common["properties"]["model"], by_model)
@@ -205,6 +205,13 @@ def _rule(by_model: dict[type[BaseModel], JsonSchema], definitions: dict[str, Js
 def _resolved(schema: JsonSchema, definitions: dict[str, JsonSchema]) -> JsonSchema:
     reference = schema.get("$ref")
     return schema if reference is None else definitions[reference.removeprefix("#/$defs/")]
+
+
+def _shared_keys(schema: JsonSchema, definitions: dict[str, JsonSchema]) -> JsonSchema:
+    """Return the keys of a table, each as a reference to where it is described: several tables have the same."""
+    keys: JsonSchema = _resolved(schema, definitions).get("properties", {})
+    reference = schema.get("$ref")
+    return keys if reference is None else {key: {"$ref": f"{reference}/properties/{key}"} for key in keys}
 
 
 def _without_unused(schema: JsonSchema) -> JsonSchema:

@@ -17,7 +17,6 @@ from pydantic import SecretStr
 from stadimeter.config.addresses import address_for_people, words_for_people
 from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding
-from stadimeter.config.renamed_keys import current_keys
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 
 # Stands in place of a secret in the text that is recorded.
@@ -111,7 +110,7 @@ def _addresses(draft: Draft) -> Iterator[tuple[KeyPath, str]]:
 
 def _parsed(text: str) -> Mapping[str, Any]:
     try:
-        return current_keys(tomllib.loads(text))
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError:
         return {}
 

@@ -52,7 +52,6 @@ MAX_DEBOUNCE_S = 2.0
 
 def warning_findings(draft: Draft) -> Iterator[Finding]:
     """Find what to look at again in a configuration without errors."""
-    yield from draft.renamed
     yield from _about_rules(draft)
     for check in (rule_test_warnings, secret_warnings, _clips_written, _lens_centred, *_ABOUT_DRIVERS):
         yield from check(draft)

@@ -87,7 +87,7 @@ def quantity_errors(subject: Subject) -> Iterator[Finding]:
         if isinstance(declared.rule, RampRule):
             yield from _ramp(declared, declared.rule)
             heights[declared.at("ramp", "of")] = declared.rule.quantity
-    hint = 'add such as height = "1.2 m" to [camera], or write height_above_camera'
+    hint = 'add such as height = "1.2 m" to [camera], or write axis = "height_above_camera"'
     for path in [path for path, quantity in heights.items() if quantity == "height"]:
         if subject.draft.camera_table.height is None:
             yield Finding(path, "how high the camera is above the floor is not known", hint, "height-unknown")

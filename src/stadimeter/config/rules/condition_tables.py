@@ -6,17 +6,17 @@ each of them once more, whenever the program starts.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Struct
-from pydantic import BeforeValidator, Field, WithJsonSchema
+from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema
 
-from stadimeter.config.models import DurationAboveZero
+from stadimeter.config.models import DurationAboveZero, Section
 from stadimeter.config.rules import figure_tables as figures
 from stadimeter.config.rules.limit_tables import ContactTable, LikelihoodTable, LimitsTable
 from stadimeter.config.rules.memory_tables import ActiveForTable, CountTable, FigureLimitsTable
 from stadimeter.config.rules.schedule_tables import SequenceTable, TimeTable
-from stadimeter.config.units import Duration, Length, LengthOrZero, Voltage
+from stadimeter.config.units import Length, LengthOrZero, Voltage, parse_duration
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
@@ -24,7 +24,7 @@ from stadimeter.core.conditions.figures import Quantity
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
-from stadimeter.core.conditions.quantities import STILL_WITHIN_M
+from stadimeter.core.conditions.quantities import AXES, STILL_WITHIN_M
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
 
@@ -33,11 +33,28 @@ MAX_DEPTH = 20
 
 _DISTANCE = DistanceCondition()
 
+# Keys that a condition no longer has, and what says the same.
+LEFT = {
+    **{axis: f'write place = {{ axis = "{axis}", above = … }}, or below, or between' for axis in AXES},
+    "further_than": 'write { target = "tag", nearer_than = "ball" }',
+    "right_of": 'write { target = "tag", left_of = "ball" }',
+    "lower_than": 'write { target = "tag", higher_than = "ball" }',
+    "seen_for": 'write seen = "5 s"',
+    "lost_for": 'write lost = "5 min"',
+    "still_for": 'write still = { for = "10 min" }',
+    "still_within": 'write still = { for = "10 min", within = "10 cm" }',
+    "sideways_speed": 'write speed = { axis = "sideways", above = … }, or below, or between',
+    "bumped": 'write base = "bumped"',
+    "at_cliff": 'write base = "at_cliff"',
+    "battery_below": 'write base = { battery_below = "11 V" }',
+}
 
-def _only_true(value: object) -> bool:
-    if value is not True:
-        raise ValueError("only true can be written here; the opposite of 'seen = true' is 'lost = true'")
-    return value
+
+def _true_or_time(value: object) -> float:
+    """Read for how long something must be so: true for no time at all."""
+    if value is False:
+        raise ValueError("write true, or a time such as '5 min'; the opposite of 'seen = true' is 'lost = true'")
+    return 0.0 if value is True else parse_duration(value)
 
 
 class OfEach(Leaf, Struct, frozen=True, kw_only=True):
@@ -48,17 +65,45 @@ class OfEach(Leaf, Struct, frozen=True, kw_only=True):
     whole: type[AllOf | AnyOf]
 
 
-Flag = Annotated[bool, BeforeValidator(_only_true), WithJsonSchema({"const": True})]
+TrueOrTime = Annotated[
+    float,
+    BeforeValidator(_true_or_time),
+    WithJsonSchema({"anyOf": [{"const": True}, {"type": "string"}], "examples": ["5 min"]}),
+]
+
+
+class StillTable(Section):
+    """A condition on how long the target has not moved."""
+
+    for_: Annotated[DurationAboveZero, Field(alias="for")]
+    """In seconds, written ``for``."""
+    within: LengthOrZero = STILL_WITHIN_M
+    """In metres; the target has moved when it is further than this from where it began to stand."""
+
+
+class BatteryTable(Section):
+    """A condition on the battery of the base."""
+
+    battery_below: Voltage
+    """In volts; holds while it has less."""
+
+
+# What a sensor of the base tells, or a table on its battery.
+OfBase = Annotated[
+    Annotated[BatteryTable, Tag("table")] | Annotated[Literal["bumped", "at_cliff"], Tag("word")],
+    Discriminator(lambda value: "word" if isinstance(value, str) else "table"),
+]
 
 
 class WhenTable(LimitsTable, LikelihoodTable):
     """A condition: limits on the distance, one of the keys from `seen` to `negated`, or all of several such."""
 
     written_elsewhere: ClassVar[dict[str, str]] = {
-        "for": 'write on_delay = "10 s" beside when, or lost_for = "5 min" in place of lost',
+        "for": 'write on_delay = "10 s" beside when, or lost = "5 min" in place of true',
         "on_delay": "write it beside when",
         "off_delay": "write it beside when",
         "hysteresis": "it is called deadband",
+        **LEFT,
     }
 
     above: Length | None = None
@@ -77,14 +122,10 @@ class WhenTable(LimitsTable, LikelihoodTable):
     """Instead of a target, several of one kind: holds while it does for one of them at least."""
     all_of: str | None = None
     """Likewise; holds while it does for each of them."""
-    seen: Flag | None = None
-    """Holds while the target is tracked."""
-    lost: Flag | None = None
-    """Holds while it is not."""
-    seen_for: Duration | None = None
-    """In seconds; holds once the target has been tracked for this long."""
-    lost_for: Duration | None = None
-    """In seconds; holds once it has not been tracked for this long."""
+    seen: TrueOrTime | None = None
+    """``true``: holds while the target is tracked; a time: once it has been tracked for this long."""
+    lost: TrueOrTime | None = None
+    """Likewise while it is not tracked."""
     bearing: figures.DirectionTable | None = None
     """Holds while the target is in this direction."""
     elevation: figures.DirectionTable | None = None
@@ -93,42 +134,20 @@ class WhenTable(LimitsTable, LikelihoodTable):
     """Holds while the target comes nearer at this speed."""
     time_to_contact: ContactTable | None = None
     """Holds while the target will be here this soon."""
-    x: figures.CoordinateTable | None = None
-    """Holds while the target is this far to the right of the camera."""
-    y: figures.CoordinateTable | None = None
-    """Holds while the target is this far below the camera, in the picture's direction."""
-    z: figures.CoordinateTable | None = None
-    """Holds while the target is this far ahead of the camera, along the optical axis."""
-    height: figures.CoordinateTable | None = None
-    """Holds while the target is this high above the floor; needs `height` in the section of the camera."""
-    height_above_camera: figures.CoordinateTable | None = None
-    """Holds while the target is this high above the camera."""
-    ahead: figures.CoordinateTable | None = None
-    """Holds while the target is this far ahead of the middle of the robot, along the floor."""
-    left: figures.CoordinateTable | None = None
-    """Holds while the target is this far to the left of the middle of the robot."""
-    sideways_speed: figures.SpeedTable | None = None
-    """Holds while the target moves to the right at this speed."""
-    speed: figures.SpeedTable | None = None
-    """Holds while the target moves at this speed, in whatever direction."""
+    place: figures.AxisTable | None = None
+    """Holds while the target is this far along an axis."""
+    speed: figures.AnySpeedTable | None = None
+    """Holds while the target moves at this speed."""
     size: figures.SizeTable | None = None
     """Holds while the target appears this large in the picture."""
-    still_for: DurationAboveZero | None = None
-    """In seconds; holds once the target has not moved for this long."""
-    still_within: LengthOrZero = STILL_WITHIN_M
-    """In metres; for `still_for`, the target has moved when it is further than this from where it began to stand."""
+    still: StillTable | None = None
+    """Holds once the target has not moved for this long."""
     nearer_than: figures.Comparison | None = None
     """Holds while the target is nearer than another one."""
-    further_than: figures.Comparison | None = None
-    """Holds while the target is further away than another one."""
     left_of: figures.DirectionComparison | None = None
     """Holds while the target is to the left of another one, as seen by the camera."""
-    right_of: figures.DirectionComparison | None = None
-    """Holds while the target is to the right of another one, as seen by the camera."""
     higher_than: figures.Comparison | None = None
     """Holds while the target is higher above the floor than another one."""
-    lower_than: figures.Comparison | None = None
-    """Holds while the target is lower than another one."""
     separation: figures.SeparationTable | None = None
     """Holds while two targets are this far apart."""
     count: CountTable | None = None
@@ -143,12 +162,9 @@ class WhenTable(LimitsTable, LikelihoodTable):
     """Holds when these rules were raised one after the other."""
     time: TimeTable | None = None
     """Holds at this time of day."""
-    bumped: Flag | None = None
-    """Holds while a bumper of the base is pressed."""
-    at_cliff: Flag | None = None
-    """Holds while a sensor below the base sees no floor, or one of its wheels hangs down."""
-    battery_below: Voltage | None = None
-    """In volts; holds while the battery of the base has less."""
+    base: OfBase | None = None
+    """``"bumped"``: holds while a bumper of the base is pressed; ``"at_cliff"``: while a sensor below it sees no floor,
+    or one of its wheels hangs down; or a table on its battery."""
     undelivered_for: DurationAboveZero | None = None
     """In seconds; holds while an alarm's message or notification has been undelivered for this long."""
     all: Annotated[list["WhenTable"], Field(min_length=1)] | None = None
@@ -191,15 +207,15 @@ def kinds_in(table: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _of_kind(table: Mapping[str, Any], group: tuple[str, ...]) -> dict[str, Any]:
     beside: tuple[str, ...] = ("target",) if group[0] in _OF_A_TARGET else ()
-    if group[0] == "still_for":
-        beside = (KEY_ABOUT_STANDING, "target")
     if "below" in group:
         beside = (*KEYS_ABOUT_DISTANCE, "target")
     return {key: value for key, value in table.items() if key in group or key in beside}
 
 
-def _presence(when: WhenTable, *, seen: bool, for_s: float | None = 0.0) -> PresenceCondition:
-    return PresenceCondition(seen=seen, for_s=for_s or 0.0, target=when.target or "")
+def _of_base(base: Any) -> Condition:
+    if isinstance(base, BatteryTable):
+        return BatteryCondition(below_v=base.battery_below)
+    return ContactSensorCondition(sensor="is_bumped" if base == "bumped" else "is_at_cliff")
 
 
 def _parts(tables: list[WhenTable] | None, severity: Severity) -> tuple[Condition, ...]:
@@ -208,10 +224,8 @@ def _parts(tables: list[WhenTable] | None, severity: Severity) -> tuple[Conditio
 
 _Conversion = Callable[[Any, Severity], Condition]
 
-# The quantities that have a table of their own shape, and are converted alike.
-KEYS_OF_QUANTITIES = (
-    "x", "y", "z", "ahead", "left", "height", "height_above_camera", "sideways_speed", "speed", "size",
-)  # fmt: skip
+# The quantities that have a table of limits.
+KEYS_OF_QUANTITIES = ("place", "speed", "size")
 KEYS_OF_COMPARISONS = tuple(COMPARISONS)
 
 
@@ -225,15 +239,18 @@ def _compared(key: str) -> _Conversion:
 
 # Each key that makes a condition something else than one on the distance, and its conversion.
 _OF_A_TARGET: dict[str, _Conversion] = {
-    "seen": lambda when, _: _presence(when, seen=True),
-    "lost": lambda when, _: _presence(when, seen=False),
-    "seen_for": lambda when, _: _presence(when, seen=True, for_s=when.seen_for),
-    "lost_for": lambda when, _: _presence(when, seen=False, for_s=when.lost_for),
-    **{key: _on_quantity(key) for key in ("bearing", "elevation", "closing_speed")},
+    "seen": lambda when, _: PresenceCondition(seen=True, for_s=when.seen, target=when.target or ""),
+    "lost": lambda when, _: PresenceCondition(seen=False, for_s=when.lost, target=when.target or ""),
+    **{key: _on_quantity(key) for key in ("bearing", "elevation", "closing_speed", "size")},
     "time_to_contact": lambda when, severity: when.time_to_contact.to_plan(severity, when.target or ""),
-    **{key: _on_quantity(key) for key in KEYS_OF_QUANTITIES},
-    "still_for": lambda when, _: FigureCondition(
-        quantity="still", above=when.still_for, within_m=when.still_within, target=when.target or "", **figures.AS_IT_IS
+    "place": lambda when, severity: when.place.to_plan(when.place.axis, severity, when.target or ""),
+    "speed": lambda when, severity: when.speed.to_plan(when.speed.quantity, severity, when.target or ""),
+    "still": lambda when, _: FigureCondition(
+        quantity="still",
+        above=when.still.for_,
+        within_m=when.still.within,
+        target=when.target or "",
+        **figures.AS_IT_IS,
     ),
     **{key: _compared(key) for key in KEYS_OF_COMPARISONS},
 }
@@ -245,9 +262,7 @@ _OF_NO_TARGET: dict[str, _Conversion] = {
     "rule": lambda when, _: RuleCondition(rule=when.rule),
     "sequence_of": lambda when, _: when.sequence_of.to_plan(),
     "time": lambda when, _: when.time.to_plan(),
-    "bumped": lambda *_: ContactSensorCondition(sensor="is_bumped"),
-    "at_cliff": lambda *_: ContactSensorCondition(sensor="is_at_cliff"),
-    "battery_below": lambda when, _: BatteryCondition(below_v=when.battery_below),
+    "base": lambda when, _: _of_base(when.base),
     "undelivered_for": lambda when, _: UndeliveredCondition(for_s=when.undelivered_for),
 }
 _OF_OTHERS: dict[str, _Conversion] = {
@@ -263,9 +278,6 @@ KEYS_OF_A_TARGET, KEYS_OF_NO_TARGET, KEYS_OF_OTHERS = map(tuple, (_OF_A_TARGET, 
 # The keys that say whom a condition is about, of which one is written.
 KEYS_OF_GROUPS = ("any_of", "all_of")
 KEYS_ABOUT_WHOM = ("target", *KEYS_OF_GROUPS)
-
-# The key that belongs to `still_for`.
-KEY_ABOUT_STANDING = "still_within"
 
 # The keys that belong to limits on the distance.
 KEYS_ABOUT_DISTANCE = ("of", "deadband", "deadband_sigmas", "probability", "probability_off")

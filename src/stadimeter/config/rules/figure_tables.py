@@ -3,7 +3,7 @@
 Annotations are no texts here, as in every file of tables.
 """
 
-from typing import Annotated, Any, ClassVar, Generic, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar
 
 from msgspec.structs import replace
 from pydantic import BeforeValidator, Discriminator, Field, Tag
@@ -12,7 +12,7 @@ from stadimeter.config import units
 from stadimeter.config.rules.limit_tables import Likelihood, LikelihoodTable, LimitsTable, Probability, Sigmas
 from stadimeter.core.bounds import SIZE_UNIT
 from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
-from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
+from stadimeter.core.conditions.quantities import QUANTITIES, Axis, noun_of
 from stadimeter.core.decision import Severity
 
 # A speed is estimated from many frames, and overshoots for some tenths of a second after a target has set off. At even
@@ -93,8 +93,13 @@ class DirectionTable(QuantityTable[units.Angle, units.AngleOrZero]):
     """How far the target must come back."""
 
 
-class CoordinateTable(QuantityTable[units.Coordinate, units.LengthOrZero], LikelihoodTable):
-    """A condition on where the target is, along one axis or above something."""
+class AxisTable(QuantityTable[units.Coordinate, units.LengthOrZero], LikelihoodTable):
+    """A condition on where the target is, along one axis."""
+
+    axis: Axis
+    """From the camera: `x` to the right in the picture, `y` down, `z` ahead along the optical axis, and
+    `height_above_camera` along the vertical. From the middle of the robot, along the floor: `ahead` and `left`. Above
+    the floor: `height`, which needs `height` in the section of the camera."""
 
 
 class SizeTable(QuantityTable[Size, Size], LikelihoodTable):
@@ -107,6 +112,18 @@ class SpeedTable(QuantityTable[units.Velocity, units.Speed], LikelihoodTable):
     deadband_sigmas: Sigmas = 2.0
     probability: Probability = 0.95
     probability_for_safety: ClassVar[float] = PROBABILITY_OF_SPEED_FOR_SAFETY
+
+
+class AnySpeedTable(SpeedTable):
+    """A condition on the speed in all directions together, or across the line of sight."""
+
+    axis: Literal["sideways"] | None = None
+    """``"sideways"`` for the speed to the right."""
+
+    @property
+    def quantity(self) -> str:
+        """The quantity that it is on."""
+        return f"{self.axis}_speed" if self.axis else "speed"
 
 
 class SeparationTable(QuantityTable[units.Length, units.LengthOrZero], LikelihoodTable):

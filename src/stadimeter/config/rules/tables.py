@@ -207,11 +207,13 @@ class RuleTable(Section):
 
     written_elsewhere: ClassVar[dict[str, str]] = {
         **dict.fromkeys(
-            ("below", "above", "between", "lost_for", "seen", "separation", "closing_speed"),
+            ("below", "above", "between", "seen", "separation", "closing_speed"),
             'write it inside when, such as when = { below = "50 cm" }',
         ),
         **dict.fromkeys(("deadband", "hysteresis"), 'write deadband inside when: { below = "1 m", deadband = "5 cm" }'),
         **dict.fromkeys(("delay", "debounce", "for"), 'write on_delay = "2 s", or off_delay'),
+        "lost_for": 'write when = { lost = "5 min" }',
+        "then": "it is called escalation: [[rules.NAME.escalation]]",
         **dict.fromkeys(("topic", "text", "message"), "write it in a step: [[rules.NAME.escalation]]"),
         "distance": 'write follow = { distance = "1 m" }, or when = { below = "1 m" }',
     }

@@ -10,8 +10,8 @@ from msgspec.structs import replace
 from stadimeter.core.alarms import machine
 from stadimeter.core.alarms.machine import AlarmRecord, AlarmState, Trigger
 from stadimeter.core.alarms.state import NO_INHIBITS, Leg
-from stadimeter.core.condition_words import describe_verdict
 from stadimeter.core.conditions.compounds import Condition, Verdict, judge
+from stadimeter.core.conditions.evidence import describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, Severity
 from stadimeter.core.measurement import Track

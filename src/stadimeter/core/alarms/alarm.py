@@ -16,9 +16,9 @@ from stadimeter.core.alarms.actions import Evaluation, requests_of, stand
 from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState
 from stadimeter.core.alarms.settings import as_set, keep_thresholds
 from stadimeter.core.alarms.state import NO_INHIBITS, Sample, SetThreshold, is_too_frequent
-from stadimeter.core.condition_words import describe_verdict
 from stadimeter.core.conditions.compounds import judge, leaves
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition
+from stadimeter.core.conditions.evidence import describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
 from stadimeter.core.measurement import TrackStatus

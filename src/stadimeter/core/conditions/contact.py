@@ -19,9 +19,10 @@ from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_DURATION_S, MIN_QUANTITY
 from stadimeter.core.conditions.figures import probability_below
-from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold, back_words, closing_words
 from stadimeter.core.conditions.limits import FAR_SIGMAS, turning_point
 from stadimeter.core.measurement import Track
+from stadimeter.core.words import length, metres
 
 
 class Approach(NamedTuple):
@@ -132,6 +133,7 @@ class TimeToContactCondition(Leaf, Struct, frozen=True, kw_only=True):
     unit = "s"
     noun = "time to contact"
     has_figures = True
+    sides = ("", "later than ")
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -214,3 +216,29 @@ class TimeToContactCondition(Leaf, Struct, frozen=True, kw_only=True):
     def _known_approach(self, inputs: RuleInputs) -> Approach | None:
         approach = approach_of(inputs.tracks[self.target])
         return approach if approach and self.speed_knowledge(approach) is SpeedKnowledge.KNOWN else None
+
+    @property
+    def begins(self) -> str:
+        """Where it will be, and how soon."""
+        where = f"{length(self.contact_m)} away" if self.contact_m else "here"
+        slower = f"(if faster than {self.closing_min_mps:g} m/s)"
+        return f"`{self.target}` will be {where} within {self.below_s:g} s {slower}"
+
+    @property
+    def ends(self) -> str:
+        """How much later contact must be."""
+        return f"contact is {back_words(self, self.deadband_s, self.deadband_sigmas)}"
+
+    def value_words(self, reading: JudgedFigure) -> str:
+        """Return the time."""
+        return f"contact in {reading.value:.2f} s ± {reading.sigma or 0.0:.2f}"
+
+    def unread(self, inputs: RuleInputs, named: str) -> str:
+        """Return in words why there is no time: no figures at all, too slow, or too unsure."""
+        approach = approach_of(inputs.tracks[self.target])
+        if approach is None:
+            return Leaf.unread(self, inputs, named)
+        speed = closing_words(approach.closing_mps, approach.closing_sigma_mps)
+        if self.speed_knowledge(approach) is SpeedKnowledge.SLOW:
+            return f"{named}{speed}, slower than {self.closing_min_mps:.2f} m/s"
+        return f"{named}{metres(approach.distance_m, approach.sigma_m)}, {speed}: too unsure for a time"

@@ -13,9 +13,11 @@ from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Thre
 from stadimeter.core.conditions.limits import ends_of
 from stadimeter.core.decision import SafetyMode
 from stadimeter.core.observation import MonthDay, WallTime
-from stadimeter.core.words import length
+from stadimeter.core.words import day, duration, length, time_of_day
 
 Sun = Literal["", "sunrise", "sunset"]
+
+_RULE_STATES = {True: "is active", False: "is not active", None: "has nothing to judge by"}
 
 # When the sun rises and sets at the equinoxes, everywhere.
 _USUAL_SUN_S = {"": 0.0, "sunrise": DAY_S / 4, "sunset": DAY_S * 3 / 4}
@@ -45,7 +47,7 @@ class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
         """The time, for one that takes time; one that takes none is another condition, ``seen`` or ``lost``."""
-        key = "seen_for" if self.seen else "lost_for"
+        key = "seen" if self.seen else "lost"
         return (Threshold(key, "for_s", MIN_QUANTITY, MAX_DURATION_S),) if self.for_s else ()
 
     @property
@@ -68,6 +70,20 @@ class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
         is_so = track.is_valid is self.seen and track.since_s is not None
         held_s = inputs.now_s - track.since_s if is_so and track.since_s is not None else 0.0
         return JudgedFigure(value=held_s, low=self.for_s)
+
+    @property
+    def begins(self) -> str:
+        """Whether it is seen, and for how long."""
+        since = f" for {duration(self.for_s)}" if self.for_s else ""
+        return f"`{self.target}` is {'in' if self.seen else 'out of'} sight{since}"
+
+    def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:  # noqa: ARG002
+        """Return the state of the track, and since when; see `Leaf.verdict`."""
+        track = inputs.tracks[self.target]
+        words = f"{track.target} is {track.status.value}"
+        if self.for_s and track.is_valid is self.seen and track.since_s is not None:
+            words += f" for {inputs.now_s - track.since_s:.1f} s of {self.for_s:g} s"
+        return words + (f": {track.reason}" if track.reason else "")
 
 
 class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
@@ -121,6 +137,25 @@ class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
         count = self.count(inputs)
         return None if count is None else JudgedFigure(value=float(count), low=low, high=high)
 
+    @property
+    def begins(self) -> str:
+        """How many, of which."""
+        least, most = self.at_least, self.at_most
+        if least is None or most is None:
+            number = f"at most {most}" if least is None else f"at least {least}"
+        else:
+            number = f"{least}" if least == most else f"{least} to {most}"
+        counted = f"of {', '.join(f'`{each}`' for each in self.targets)}" if self.targets else "targets"
+        return f"{number} {counted} are {self.where}"
+
+    def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:  # noqa: ARG002
+        """Return how many are in sight; see `Leaf.verdict`."""
+        pairs = (("at least", self.at_least), ("at most", self.at_most))
+        thresholds = [f"{word} {limit}" for word, limit in pairs if limit is not None]
+        counted = self.count(inputs)
+        words = "unknown how many" if counted is None else f"{counted}"
+        return f"{words} of {len(self.targets or inputs.tracks)} {self.where}, {' and '.join(thresholds)}"
+
 
 class DateSpan(Struct, frozen=True):
     """Days of every year from one to another, both included, over its end if the second is earlier."""
@@ -128,11 +163,16 @@ class DateSpan(Struct, frozen=True):
     first: MonthDay
     last: MonthDay
 
-    def covers(self, day: MonthDay) -> bool:
+    def covers(self, date: MonthDay) -> bool:
         """Check whether a day is among them."""
         if self.first <= self.last:
-            return self.first <= day <= self.last
-        return day >= self.first or day <= self.last
+            return self.first <= date <= self.last
+        return date >= self.first or date <= self.last
+
+    def __str__(self) -> str:
+        """Return the days such as ``12-24 to 12-26``, as they are written."""
+        first, last = _month_and_day(self.first), _month_and_day(self.last)
+        return first if first == last else f"{first} to {last}"
 
 
 class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
@@ -197,20 +237,54 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
         low_s, high_s = interval_s
         now_s = wall.second_of_day
         # It may have begun yesterday; and one of tomorrow that begins long before sunrise may begin today.
-        for day in (0, -1, 1) if low_s < 0 else (0, -1):
-            if low_s <= now_s - day * DAY_S < high_s and self._begins(wall, day):
+        for later in (0, -1, 1) if low_s < 0 else (0, -1):
+            if low_s <= now_s - later * DAY_S < high_s and self._begins(wall, later):
                 return True
         return False
 
-    def begins_on(self, day: MonthDay) -> bool:
+    def begins_on(self, date: MonthDay) -> bool:
         """Check whether a day is among its dates."""
-        return not self.dates or any(span.covers(day) for span in self.dates)
+        return not self.dates or any(span.covers(date) for span in self.dates)
 
     def _begins(self, wall: WallTime, later: int) -> bool:
         """Check whether it begins on a day, 1 for tomorrow."""
         if self.weekdays and (wall.weekday + later) % 7 not in self.weekdays:
             return False
         return not self.dates or self.begins_on(wall.dates[1 + later])
+
+    @property
+    def begins(self) -> str:
+        """The hours."""
+        return f"it is {self.hours}"
+
+    @property
+    def hours(self) -> str:
+        """The time that it holds, such as ``between 22:00 and 06:00 on Monday``."""
+        days = f" on {' and '.join(map(day, self.weekdays))}" if self.weekdays else ""
+        spans = [str(span) for span in self.dates]
+        dates = f" on {' and '.join(spans)}" if spans else ""
+        return f"between {_hour(self.from_sun, self.from_s)} and {_hour(self.to_sun, self.to_s)}{days}{dates}"
+
+    def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:  # noqa: ARG002
+        """Return the time of day, and when it holds; see `Leaf.verdict`."""
+        wall = inputs.wall
+        if wall is None:
+            return f"the time of day is not known yet, {self.hours}"
+        today = f"{day(wall.weekday)}{f' {_month_and_day(wall.dates[1])}' if self.dates and wall.dates else ''}"
+        return f"{today} {time_of_day(wall.second_of_day // 60 * 60)}, {self.hours}{self._sun_today(wall)}"
+
+    def _sun_today(self, wall: WallTime) -> str:
+        """Say when the sun rises and sets, where a schedule goes by it."""
+        if self.dates and not wall.dates:
+            return ": the date is not known"
+        if not (self.from_sun or self.to_sun):
+            return ""
+        if wall.sunrise_s is None or wall.sunset_s is None:
+            return ": when the sun rises and sets is not known"
+        if math.isinf(wall.sunrise_s) and math.isinf(wall.sunset_s):
+            return f" (the sun is {'up' if wall.sunset_s > 0 else 'down'} all day)"
+        times = (("sunrise", wall.sunrise_s), ("sunset", wall.sunset_s))
+        return f" ({', '.join(f'{sun} {time_of_day(at_s // 60 * 60)}' for sun, at_s in times if math.isfinite(at_s))})"
 
 
 class RuleCondition(Leaf, Struct, frozen=True, kw_only=True):
@@ -230,8 +304,29 @@ class RuleCondition(Leaf, Struct, frozen=True, kw_only=True):
         """Check whether it holds; see `Leaf.holds`."""
         return inputs.active.get(self.rule)
 
+    @property
+    def begins(self) -> str:
+        """The rule."""
+        return f"`{self.rule}` is active"
+
+    def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:  # noqa: ARG002
+        """Return the state of the rule; see `Leaf.verdict`."""
+        return f"the rule {self.rule} {_RULE_STATES[inputs.active.get(self.rule)]}"
+
 
 def _of_day(wall: WallTime, sun: Sun, after_s: float) -> float | None:
     """Return a time of a schedule in seconds since midnight; None if it goes by a sun that is not known."""
     sun_s = wall.sunrise_s if sun == "sunrise" else wall.sunset_s
     return None if sun_s is None else sun_s + after_s
+
+
+def _hour(sun: str, second: float) -> str:
+    """Return a time of a schedule such as ``22:30`` or ``30 min after sunset``."""
+    if not sun:
+        return time_of_day(second)
+    side = "after" if second > 0 else "before"
+    return f"{duration(abs(second))} {side} {sun}" if second else sun
+
+
+def _month_and_day(date: MonthDay) -> str:
+    return f"{date.month:02d}-{date.day:02d}"

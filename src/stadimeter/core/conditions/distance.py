@@ -8,12 +8,13 @@ from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_LENGTH_M, MIN_QUANTITY
 from stadimeter.core.conditions.figures import Quantity, Uncertain, probability_below, quantity_of
-from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, back_words
 from stadimeter.core.conditions.limits import (
     LimitsCondition,
     ends_of,
     turning_point,
 )
+from stadimeter.core.words import metres
 
 
 class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
@@ -40,7 +41,8 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     target: str = ""
 
     unit = "m"
-    ends = ("above_m", "below_m")
+    limit_fields = ("above_m", "below_m")
+    sides = ("nearer than ", "further than ")
     bounds = (MIN_QUANTITY, MAX_LENGTH_M)
 
     @property
@@ -146,3 +148,30 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         if math.isfinite(high):
             points += turning_point(holds, middle if math.isfinite(low) else 0.0, 2 * high)
         return tuple(points)
+
+    @property
+    def subject(self) -> str:
+        """The target: the sides say that a distance is meant."""
+        return f"`{self.target}` is"
+
+    @property
+    def within(self) -> str:
+        """The thresholds, and whether they are on the depth."""
+        return f"{Leaf.within.fget(self)}{' along the optical axis' if self.quantity == 'depth' else ''}"  # type: ignore[attr-defined]
+
+    @property
+    def ends(self) -> str:
+        """Where the target must come back to."""
+        return f"it is {back_words(self, self.deadband, self.deadband_sigmas)}"
+
+    def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:
+        """Return the distance and the thresholds, or between which distances it passed through; see `Leaf.verdict`."""
+        passed = None if is_on else self.passed_through(inputs)
+        if passed is not None:
+            named = f"{self.target} " if names_target else ""
+            return f"{named}passed through between two frames: {passed[0]:.2f} m, then {passed[1]:.2f} m"
+        return Leaf.verdict(self, inputs, is_on, names_target=names_target, with_probability=with_probability)
+
+    def value_words(self, reading: JudgedFigure) -> str:
+        """Return the distance."""
+        return metres(reading.value, reading.sigma or 0.0)

@@ -1,13 +1,13 @@
 """A simple condition, the base of every kind, and all that conditions are judged by.
 
 A kind is one class in this package. It states whether it holds, and the figure and the thresholds that it was judged
-by. `stadimeter.core.condition_words` words conditions: a kind that it does not name by its noun, unit and limits.
+by, and words them: what a kind does not word itself follows from its noun, unit and limits.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, NamedTuple
 
 from msgspec import Struct, field
@@ -17,6 +17,9 @@ from stadimeter.core.decision import SafetyMode
 from stadimeter.core.measurement import Sighting, Track
 from stadimeter.core.observation import WallTime
 from stadimeter.core.tracking.transverse import AskedMotion, TransverseMotion, Viewpoint
+from stadimeter.core.words import figure_in_words, short_figure
+
+ANSWERS = {True: "yes", False: "no", None: "unknown"}
 
 
 class RuleInputs(Struct, frozen=True, kw_only=True):
@@ -164,3 +167,99 @@ class Leaf:
         None, one or two, the smaller first; none if it can never do so since the figure is too unsure everywhere.
         """
         return ()
+
+    # In words ---------------------------------------------------------------------------------------
+
+    sides: ClassVar[tuple[str, str]] = ("below ", "above ")
+    """The words before a threshold from which on a figure is too low, and too high."""
+    doubt: ClassVar[str] = ""
+    """What to add to the figure: what is not counted."""
+
+    @property
+    def subject(self) -> str:
+        """The beginning of a clause about thresholds, such as ``the bearing of `ball` is``."""
+        named = " and ".join(f"`{target}`" for target in self.targets_named) or "the base"
+        return f"the {self.noun} of {named} is"
+
+    @property
+    def begins(self) -> str:
+        r"""A clause on when it begins, such as ``\`ball\` is nearer than 0.50 m (1.6 ft)``."""
+        return f"{self.subject} {self.within}"
+
+    @property
+    def ends(self) -> str:
+        """A clause on when it ends, such as ``its bearing is below 18.9°``."""
+        return "that has ended"
+
+    @property
+    def within(self) -> str:
+        """Its thresholds, such as ``nearer than 0.50 m (1.6 ft)``."""
+        (low, high), (below, above) = self.limits, self.sides
+        if math.isfinite(low) and math.isfinite(high):
+            return f"between {figure_in_words(low, self.unit)} and {figure_in_words(high, self.unit)}"
+        is_low = math.isfinite(low)
+        return f"{above if is_low else below}{figure_in_words(low if is_low else high, self.unit)}"
+
+    def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:
+        """Return the figure that it is judged by and the thresholds, in words.
+
+        Args:
+            is_on: As in `holds`.
+            names_target: Whether to begin with the target.
+            with_probability: Whether to add how likely it is, and from which probability on it begins or ends.
+        """
+        named = f"{self.targets_named[0]} " if names_target and self.targets_named else ""
+        reading = self.reading(inputs, is_on)
+        if reading is None:
+            return self.unread(inputs, named)
+        words = f"{named}{self.value_words(reading)}, {_threshold_words(reading, self.unit)}"
+        if not with_probability or reading.probability is None:
+            return words
+        turns = f"ends at {self.probability_off:.2f}" if is_on else f"begins at {self.probability_on:.2f}"
+        return f"{words}: P {reading.probability:.2f}, {turns}"
+
+    def value_words(self, reading: JudgedFigure) -> str:
+        """Return its figure in words, such as ``battery voltage 11.20 V``."""
+        return f"{self.noun} {figure_in_words(reading.value, self.unit)}"
+
+    def unread(self, inputs: RuleInputs, named: str) -> str:  # noqa: ARG002 - by some kinds
+        """Return in words why there is no figure."""
+        if not self.targets_named:
+            return f"the base does not report its {self.noun}"
+        return describe_unread([inputs.tracks[target] for target in self.targets_named], self.noun)
+
+
+def describe_unread(tracks: Sequence[Track], noun: str) -> str:
+    """Return in words why there is no figure of some targets."""
+    return " and ".join(describe_unseen(track) for track in tracks if not track.is_valid) or f"the {noun} is not known"
+
+
+def describe_unseen(track: Track) -> str:
+    """Return in words that there is no distance to act on."""
+    return f"{track.target} is {track.status.value}: {track.reason or 'no distance'}"
+
+
+def back_words(leaf: Leaf, deadband: float, sigmas: float) -> str:
+    """Return where a condition ends, which a deadband, also in standard deviations, moves away from where it begins."""
+    (low, high), (below, above) = leaf.limits, leaf.sides
+    fixed = 0.0 if sigmas else deadband - (leaf.unit == "times")  # a count that ends is below n, above n - 1 no more
+    there = [f"{below}{figure_in_words(low - fixed, leaf.unit)}"] if math.isfinite(low) else []
+    there += [f"{above}{figure_in_words(high + fixed, leaf.unit)}"] if math.isfinite(high) else []
+    if not sigmas:
+        return " or ".join(there)
+    noise = f"{sigmas:g} standard deviations of the noise"
+    width = f"{deadband:g} {leaf.unit} or {noise}, whichever is more," if deadband else noise
+    return f"{' or '.join(there)} by {width}"
+
+
+def closing_words(closing_mps: float, sigma_mps: float) -> str:
+    """Return a closing speed such as ``closing at 0.42 m/s ± 0.03``."""
+    return f"closing at {closing_mps:.2f} m/s ± {sigma_mps:.2f}"
+
+
+def _threshold_words(reading: JudgedFigure, unit: str) -> str:
+    if math.isinf(reading.low):
+        return f"below {short_figure(reading.high, unit)}"
+    if math.isinf(reading.high):
+        return f"above {short_figure(reading.low, unit)}"
+    return f"between {short_figure(reading.low, unit)} and {short_figure(reading.high, unit)}"

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from typing import ClassVar
 
 from stadimeter.core.conditions.figures import Uncertain, probability_between
-from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold, back_words
 
 # Nothing is in doubt this many standard deviations from a threshold.
 FAR_SIGMAS = 12.0
@@ -36,7 +36,7 @@ class LimitsCondition(Leaf):
     below: float | None
     deadband_sigmas: float = 0.0
     """The deadband in standard deviations of the noise; that in the SI unit counts if it is larger."""
-    ends: ClassVar[tuple[str, str]] = ("above", "below")
+    limit_fields: ClassVar[tuple[str, str]] = ("above", "below")
     """The fields of the lower threshold and of the upper one."""
     bounds: ClassVar[tuple[float, float]]
     """The least and the largest value that a threshold may have."""
@@ -63,7 +63,7 @@ class LimitsCondition(Leaf):
 
         The lower end stays below the upper one, and alone above the deadband: else it could never end.
         """
-        (low, high), (least, most), (lower, upper) = self.limits, self.bounds, self.ends
+        (low, high), (least, most), (lower, upper) = self.limits, self.bounds, self.limit_fields
         inside = f"{self.section}." if self.section else ""
         if math.isinf(low) and math.isinf(high):
             return ()
@@ -91,6 +91,11 @@ class LimitsCondition(Leaf):
     def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the figure and how sure it is; None while there is no finite figure to act on."""
         raise NotImplementedError
+
+    @property
+    def ends(self) -> str:
+        """Where the figure must come back to."""
+        return f"its {self.noun} is {back_words(self, self.deadband, self.deadband_sigmas)}"
 
     def deadband_at(self, noise: float) -> float:
         """Return the amount a figure must come back over a threshold where its noise has this standard deviation."""

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+import math
+
 from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_BY_UNIT, MIN_QUANTITY
 from stadimeter.core.conditions import quantities
 from stadimeter.core.conditions.figures import Uncertain
-from stadimeter.core.conditions.leaf import RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold, back_words, closing_words
 from stadimeter.core.conditions.limits import LimitsCondition
 from stadimeter.core.tracking.transverse import AskedMotion
+from stadimeter.core.words import duration, figure_in_words, length, metres, uncertain_figure
 
 # How the noun of a difference begins.
 DIFFERENCE = "difference in "
 
-# What is compared, and whether the first target is to have more of it than the second.
+# What is compared, and whether the first target is to have more of it than the second. The contrary is written by
+# naming the two the other way round.
 COMPARISONS: dict[str, tuple[str, bool]] = {
     "nearer_than": ("distance", False),
-    "further_than": ("distance", True),
     "left_of": ("bearing", False),
-    "right_of": ("bearing", True),
-    "lower_than": ("height_above_camera", False),
     "higher_than": ("height_above_camera", True),
 }
 
@@ -61,7 +62,7 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def comparison(self) -> str:
         """The key that a comparison is written with."""
-        return next(key for key, what in COMPARISONS.items() if what == (self.quantity, self.above is not None))
+        return next(key for key, (quantity, _) in COMPARISONS.items() if quantity == self.quantity)
 
     @property
     def noun(self) -> str:
@@ -70,8 +71,12 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def section(self) -> str:
-        """The table of a quantity is called like it, and that of a comparison like its key."""
-        return self.comparison if self.is_comparison else self.quantity
+        """The table of a quantity is called like it, that of a place so, and that of a comparison like its key."""
+        if self.is_comparison:
+            return self.comparison
+        if self.quantity in quantities.AXES:
+            return "place"
+        return "speed" if self.quantity == "sideways_speed" else self.quantity
 
     @property
     def unit(self) -> str:
@@ -90,9 +95,9 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
-        """As of any limits; the time of standing still is written without a table of its own."""
+        """As of any limits; the time of standing still is written as ``for``."""
         found = LimitsCondition.thresholds.fget(self)  # type: ignore[attr-defined]
-        return tuple([each._replace(key="still_for") for each in found]) if self.quantity == "still" else found
+        return tuple([each._replace(key="still.for") for each in found]) if self.quantity == "still" else found
 
     @property
     def targets_named(self) -> tuple[str, ...]:
@@ -111,3 +116,63 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def _of(self) -> tuple[str, str, str, float]:
         return self.target, self.quantity, self.other, self.within_m
+
+    @property
+    def _is_apart(self) -> bool:
+        return self.quantity == quantities.OF_TWO
+
+    @property
+    def sides(self) -> tuple[str, str]:  # type: ignore[override]  # of others it is a constant
+        """Words of its own for how far two targets are apart."""
+        return ("nearer to each other than ", "further apart than ") if self._is_apart else Leaf.sides
+
+    @property
+    def doubt(self) -> str:  # type: ignore[override]
+        """How sure directions are is not known where they are compared as they are."""
+        if self._is_apart:
+            return "; how sure the directions are is not known, and not counted"
+        is_direction = self.noun in {"bearing", "elevation"}
+        return "; how sure a direction is, is not known" if is_direction else ""
+
+    @property
+    def subject(self) -> str:
+        """The quantity and the target, or both targets."""
+        return f"`{self.target}` and `{self.other}` are" if self._is_apart else Leaf.subject.fget(self)  # type: ignore[attr-defined]
+
+    @property
+    def begins(self) -> str:
+        """Words of its own for standing still and for a comparison."""
+        if self.quantity == "still":
+            return f"`{self.target}` has not moved by more than {length(self.within_m)} for {duration(self.limits[0])}"
+        if self.is_comparison:
+            by = abs(next(limit for limit in self.limits if math.isfinite(limit)))
+            more = f" by {figure_in_words(by, self.unit)}" if by else ""
+            return f"`{self.target}` is {self.comparison.replace('_', ' ')} `{self.other}`{more}"
+        return Leaf.begins.fget(self)  # type: ignore[attr-defined, no-any-return]
+
+    @property
+    def ends(self) -> str:
+        """Where the figure must come back to; standing still ends with any motion."""
+        if self.quantity == "still":
+            return "it has moved"
+        if self._is_apart:
+            return f"they are {back_words(self, self.deadband, self.deadband_sigmas)}"
+        return LimitsCondition.ends.fget(self)  # type: ignore[attr-defined, no-any-return]
+
+    def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:
+        """Return the figure and the thresholds; of two targets apart both are named already. See `Leaf.verdict`."""
+        named = names_target and not self._is_apart
+        return Leaf.verdict(self, inputs, is_on, names_target=named, with_probability=with_probability)
+
+    def value_words(self, reading: JudgedFigure) -> str:
+        """Return the figure, with its standard deviation where that is known."""
+        value, sigma = reading.value, reading.sigma or 0.0
+        if self.quantity == "closing_speed":
+            return closing_words(value, sigma)
+        if self._is_apart:
+            return f"{self.target} and {self.other} {metres(value, sigma)} apart"
+        if reading.sigma is not None:
+            return uncertain_figure(self.noun + (f" to {self.other}" if self.other else ""), value, sigma, self.unit)
+        if self.unit == "rad":
+            return f"{self.noun} {math.degrees(value):+.1f}°"
+        return Leaf.value_words(self, reading)

@@ -8,7 +8,7 @@ from typing import Literal
 from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_VOLTAGE_V
-from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import ANSWERS, JudgedFigure, Leaf, RuleInputs, Threshold
 
 # A motor that starts pulls the voltage of its battery down, and lets it go again: some tenths of a volt with small
 # motors. Without this an alarm would come and go with each start.
@@ -36,6 +36,16 @@ class ContactSensorCondition(Leaf, Struct, frozen=True, kw_only=True):
         """Return the sensor's answer; see `Leaf.holds`."""
         return None if inputs.base is None else getattr(inputs.base, self.sensor)
 
+    @property
+    def begins(self) -> str:
+        """What the sensor tells."""
+        is_bumper = self.sensor == "is_bumped"
+        return "the bumper of the base is pressed" if is_bumper else "there is no floor below the base"
+
+    def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:  # noqa: ARG002
+        """Return the sensor's answer; see `Leaf.verdict`."""
+        return f"{self.begins}: {ANSWERS[self.holds(inputs, is_on)]}"
+
 
 class BatteryCondition(Leaf, Struct, frozen=True, kw_only=True):
     """The voltage of the base's battery is below a threshold."""
@@ -54,7 +64,7 @@ class BatteryCondition(Leaf, Struct, frozen=True, kw_only=True):
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
         """The voltage."""
-        return (Threshold("battery_below", "below_v", 0.0, MAX_VOLTAGE_V),)
+        return (Threshold("base.battery_below", "below_v", 0.0, MAX_VOLTAGE_V),)
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
         """Check whether it holds; None while the voltage is not known."""

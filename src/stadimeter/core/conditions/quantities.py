@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 from operator import mul
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 from stadimeter.core.bounds import MIN_QUANTITY, SIZE_UNIT
 from stadimeter.core.conditions.figures import Uncertain, closing_of, direction_of, quantity_of, separation_of
@@ -24,6 +24,10 @@ QuantityName = Literal[
     "distance", "depth", "bearing", "elevation", "closing_speed", "x", "y", "z", "ahead", "left", "height",
     "height_above_camera", "sideways_speed", "speed", "size", "still",
 ]  # fmt: skip
+
+# Those that are a place along one axis.
+Axis = Literal["x", "y", "z", "ahead", "left", "height", "height_above_camera"]
+AXES: tuple[str, ...] = get_args(Axis)
 
 # The quantity that two targets have together; of the others they have a difference.
 OF_TWO = "separation"

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_SPEED_MPS
 from stadimeter.core.conditions.figures import Uncertain
-from stadimeter.core.conditions.leaf import RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import Leaf, RuleInputs, Threshold, back_words
 from stadimeter.core.conditions.limits import LimitsCondition
 from stadimeter.core.conditions.quantities import QUANTITIES
 from stadimeter.core.conditions.summary import RememberedFigure, Window
+from stadimeter.core.words import figure_in_words
 
 
 class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
@@ -85,3 +88,32 @@ class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         """Return the figure, its standard deviation, which is not known, as 0; see `LimitsCondition.uncertain`."""
         value = inputs.figures.get(self.key)
         return None if value is None else (value, 0.0, 0.0)
+
+    @property
+    def subject(self) -> str:
+        """The figure, or what others did."""
+        return f"`{self.noun}` is"
+
+    @property
+    def within(self) -> str:
+        """The thresholds; of a count, which is above n - 1, the number n itself."""
+        low, _ = self.limits
+        if self.unit == "times" and math.isfinite(low):
+            return f"at least {figure_in_words(low + 1, self.unit)}"
+        return Leaf.within.fget(self)  # type: ignore[attr-defined, no-any-return]
+
+    @property
+    def ends(self) -> str:
+        """Where the figure must come back to."""
+        return f"{self.subject} {back_words(self, self.deadband, self.deadband_sigmas)}"
+
+    def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:
+        """Return the figure and the thresholds; of a count, how many of how many. See `Leaf.verdict`."""
+        reading = self.reading(inputs, is_on)
+        if reading is not None and self.unit == "times" and math.isfinite(reading.low):
+            return f"{' or '.join(self.rules)} raised {reading.value:g} of {reading.low + 1:g} times {self.window}"
+        return Leaf.verdict(self, inputs, is_on, names_target=names_target, with_probability=with_probability)
+
+    def unread(self, inputs: RuleInputs, named: str) -> str:  # noqa: ARG002 - it is about no target
+        """Return that it is not known."""
+        return f"{self.noun} is not known"

@@ -9,6 +9,7 @@ from itertools import pairwise
 from msgspec import Struct
 
 from stadimeter.core.conditions.leaf import Leaf, RuleInputs
+from stadimeter.core.words import duration
 
 # What is in time is in time, however a difference of times was rounded.
 _ROUNDING_S = 1e-6
@@ -56,3 +57,18 @@ class SequenceCondition(Leaf, Struct, frozen=True, kw_only=True):
         if self.for_s is not None:
             return inputs.now_s < at_s + self.for_s
         return at_s == inputs.raised_at_s.get(last) and inputs.active.get(last)
+
+    @property
+    def begins(self) -> str:
+        """The rules, in their order, and the time."""
+        names = " and then ".join(f"`{rule}`" for rule in self.rules)
+        lasts = "" if self.for_s is None else f", for {duration(self.for_s)} from then on"
+        return f"{names} are raised within {duration(self.within_s)}{lasts}"
+
+    def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:  # noqa: ARG002
+        """Return when each rule was raised last; see `Leaf.verdict`."""
+        ago = [
+            f"{rule} was raised {inputs.now_s - at_s:.1f} s ago" if at_s is not None else f"{rule} was not raised"
+            for rule, at_s in ((rule, inputs.raised_at_s.get(rule)) for rule in self.rules)
+        ]
+        return f"{', '.join(ago)}; in this order within {duration(self.within_s)}"

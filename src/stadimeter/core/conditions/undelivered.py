@@ -7,6 +7,7 @@ import math
 from msgspec import Struct
 
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs
+from stadimeter.core.words import duration
 
 
 class UndeliveredCondition(Leaf, Struct, frozen=True, kw_only=True):
@@ -35,3 +36,15 @@ class UndeliveredCondition(Leaf, Struct, frozen=True, kw_only=True):
         """Return for how many seconds the oldest alarm waits; None for none."""
         since_s = inputs.undelivered_since_s
         return None if since_s is None else JudgedFigure(value=inputs.now_s - since_s, low=self.for_s)
+
+    @property
+    def begins(self) -> str:
+        """The time."""
+        return f"an alarm is undelivered for {duration(self.for_s)}"
+
+    def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:  # noqa: ARG002
+        """Return for how long the oldest alarm waits; see `Leaf.verdict`."""
+        reading = self.reading(inputs, is_on)
+        if reading is None:
+            return "no alarm is undelivered"
+        return f"an alarm is undelivered for {reading.value:.1f} s of {self.for_s:g} s"

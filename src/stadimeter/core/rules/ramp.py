@@ -10,8 +10,7 @@ import math
 from bisect import bisect_right
 
 from stadimeter.core.alarms.alarm import OPEN, Gate, GatedStep
-from stadimeter.core.condition_words import describe_unread
-from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.leaf import RuleInputs, describe_unread
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of, uncertain_of
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.rule import LevelRequest, RampRule, trace_of

@@ -201,7 +201,7 @@ class SettingSearch(Struct, kw_only=True):
         return [own, 0.0, *(max(0.0, each) for each in found)]
 
     def _crossings(self, key: str) -> set[float]:
-        side = 1.0 if thresholds_of(self.rule)[key].place.field == self.condition.ends[1] else -1.0
+        side = 1.0 if thresholds_of(self.rule)[key].place.field == self.condition.limit_fields[1] else -1.0
         found: set[float] = set()
         for each in self.taught:
             crossed = each.signal.crossed_at(self.condition, side)
