@@ -7,7 +7,7 @@ from pathlib import Path
 
 from live_view_svg import save_svg
 
-from stadimeter.cli.fleet_view import FleetScreen
+from stadimeter.cli.fleet import FleetScreen
 from stadimeter.messaging.protocol import Received
 from stadimeter.workbench.fleet import Fleet
 

@@ -115,6 +115,9 @@ def test_a_request_of_the_centre_reaches_a_device_and_its_answer_comes_back(cent
     with MqttListener(centre.port, ("hall", PASSWORD)) as listener:
         say(device, "availability", "online", retain=True)
         listener.wait_for(f"{NAME}/availability", "online")
-    login = ("--host", HOST, "--port", centre.port, "--username", "hall", "--password-file", tmp_path / "password")
-    done = typed("fleet", *login, "--acknowledge", "hall/press/near", "--wait", "100 s")
+    login = 'username = "hall"\npassword_file = "password"\n'
+    (tmp_path / "centre.toml").write_text(
+        f'[messenger]\ndriver = "mqtt"\nhost = "{HOST}"\nport = {centre.port}\n{login}'
+    )
+    done = typed("fleet", tmp_path / "centre.toml", "--acknowledge", "hall/press/near", "--wait", "100 s")
     assert (done.returncode, done.stdout) == (0, "acknowledged: stadimeter/hall/press/near\n"), done.stderr

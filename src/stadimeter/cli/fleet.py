@@ -7,74 +7,51 @@ import math
 import sys
 import time
 import uuid
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator
 from contextlib import closing, suppress
-from pathlib import Path
+from datetime import datetime
 from typing import Annotated, Any
 
-import msgspec
 import typer
-from rich.console import Console
+from msgspec import Struct
+from rich.console import Console, ConsoleOptions
 from rich.live import Live
+from rich.text import Text
 
 from stadimeter.cli.exits import NOT_FOUND, ConfigArgument, configuration_path, plain_errors, read_option
-from stadimeter.cli.fleet_view import FleetScreen
+from stadimeter.cli.formatting import UNKNOWN, format_distance, format_time
+from stadimeter.cli.layout import fit, heading
 from stadimeter.cli.operate import ByOption, JsonOption, print_answer, who
 from stadimeter.config.loader import load_messenger_choice
 from stadimeter.config.units import parse_duration
+from stadimeter.core.message import REQUEST, RESPONSE
 from stadimeter.core.words import one_line
 from stadimeter.errors import ConfigError, ControlError, Problem
-from stadimeter.messaging.protocol import Received, Subscribes
-from stadimeter.workbench.fleet import Fleet, fleet_record, troubles
+from stadimeter.messaging.protocol import Received, Subscribes, Subscription
+from stadimeter.workbench.fleet import STALE_S, Device, Fleet, StandingAlarm, fleet_record, troubles
 
-REFRESH_S = 0.5
-CONNECT_S = 5.0
-
-Host = Annotated[str | None, typer.Option("--host", metavar="HOST", help="The broker, instead of a configuration's.")]
-Port = Annotated[int | None, typer.Option("--port", help="Its port.")]
-Username = Annotated[str | None, typer.Option("--username", metavar="NAME", help="The name to log in with.")]
-PasswordFile = Annotated[
-    Path | None, typer.Option("--password-file", metavar="FILE", help="A file with the password on its first line.")
-]
-Tls = Annotated[bool, typer.Option("--tls", help="Encrypt, and check the broker's certificate.")]
-CaFile = Annotated[Path | None, typer.Option("--ca-file", metavar="FILE", help="The authority of that certificate.")]
-Below = Annotated[
-    str | None, typer.Option("--below", metavar="TOPIC", help="What the topics of the devices begin with: stadimeter.")
-]
-Check = Annotated[bool, typer.Option("--check", help="Print what is wrong, and end with an exit code.")]
-Acknowledge = Annotated[
-    str | None, typer.Option("--acknowledge", metavar="NODE/RULE", help="Acknowledge an alarm of a device.")
-]
-Wait = Annotated[
-    str | None, typer.Option("--wait", metavar="TIME", help='How long to listen first, such as "20 s"; by default 6 s.')
-]
+REFRESH_S, CONNECT_S, LISTEN_S, ANSWER_S = 0.5, 5.0, 6.0, 10.0
 
 
 def fleet(
     config: ConfigArgument = None,
-    host: Host = None,
-    port: Port = None,
-    username: Username = None,
-    password_file: PasswordFile = None,
-    tls: Tls = False,
-    ca_file: CaFile = None,
-    below: Below = None,
-    wait: Wait = None,
-    check: Check = False,
-    acknowledge: Acknowledge = None,
+    below: Annotated[str | None, typer.Option(metavar="TOPIC", help="What topics begin with: stadimeter.")] = None,
+    wait: Annotated[str | None, typer.Option(metavar="TIME", help="How long to listen first: 6 s.")] = None,
+    check: Annotated[bool, typer.Option("--check", help="Print what is wrong, and end with an exit code.")] = False,
+    acknowledge: Annotated[str | None, typer.Option(metavar="NODE/RULE", help="Acknowledge an alarm.")] = None,
     by: ByOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Show every device at a broker, and one list of standing alarms.
 
-    Listens to the broker of a configuration, or of `--host`. Figures are grey once they are older than 15 s, and when
-    the device or the connection is gone. Ctrl+C ends it. Where there is no terminal, the picture is printed once.
+    Listens to the broker of a configuration, of which the section [messenger] is enough. Figures are grey once they are
+    older than 15 s, and when the device or the connection is gone. Ctrl+C ends it. Where there is no terminal, the
+    picture is printed once.
 
     **Examples**
 
     - `stadimeter fleet config/appliance.toml`
-
-    - `stadimeter fleet --host broker.local --username fleet --password-file password.txt --tls`
 
     - `stadimeter fleet config/appliance.toml --check --wait "20 s"`
 
@@ -84,130 +61,180 @@ def fleet(
     something is wrong, with --acknowledge the device refused; 2 the broker or the device does not answer.
     """
     with plain_errors():
-        options = {"host": host, "port": port, "username": username, "tls": tls or None}
-        options |= {"password_file": _absolute(password_file), "ca_file": _absolute(ca_file)}
-        messenger = broker_of(config if host else configuration_path(config), options)
-        root = below or ("stadimeter" if config is None and host else messenger.base.partition("/")[0])
+        path = configuration_path(config)
+        broker: object = load_messenger_choice(path).options
+        if not isinstance(broker, Subscribes):
+            raise ConfigError(f"{path}: there is no broker to listen to: its messenger is no driver = 'mqtt'")
+        root = below or broker.base.partition("/")[0]
         wait_s = None if wait is None else read_option(parse_duration, wait, "--wait")
         if acknowledge is not None:
-            _acknowledge(messenger, f"{root}/{acknowledge}", who(by), wait_s or 10.0, as_json=as_json)
+            _acknowledge(broker, f"{root}/{acknowledge}", who(by), wait_s or ANSWER_S, as_json=as_json)
             return
-        with closing(FleetConnection(messenger, root)) as listener:
+        seen = Fleet(root)
+        with closing(broker.subscribe(seen.filters, lambda message: seen.take(message, time.monotonic()))) as listener:
             if as_json or check or not sys.stdout.isatty():
-                listener.listen(6.0 if wait_s is None else wait_s)
-                _print_once(listener, check=check, as_json=as_json)
+                _listen(listener, LISTEN_S if wait_s is None else wait_s)
+                _print_once(seen, broker.place, check=check, as_json=as_json)
             else:
-                listener.show(math.inf if wait_s is None else wait_s)
+                _show(listener, seen, broker.place, math.inf if wait_s is None else wait_s)
 
 
-class FleetConnection:
-    """A connection, and the fleet that is made from what it brings."""
-
-    def __init__(self, messenger: Subscribes, root: str) -> None:
-        self.fleet = Fleet(root)
-        self.place = messenger.place
-        self.subscription = messenger.subscribe(self.fleet.filters, self._take)
-
-    def close(self) -> None:
-        """Disconnect."""
-        self.subscription.close()
-
-    def _take(self, message: Received) -> None:
-        self.fleet.take(message, time.monotonic())
-
-    def listen(self, seconds: float) -> None:
-        """Listen for that long once there is a connection, or until Ctrl+C.
-
-        Raises:
-            ControlError: There is none in time, or at the end.
-        """
-        connected_until_s = time.monotonic() + max(seconds, CONNECT_S)
-        with suppress(KeyboardInterrupt):
-            while self.subscription.trouble() and time.monotonic() < connected_until_s:
-                self.subscription.serve(0.05)
-            until_s = time.monotonic() + (0.0 if self.subscription.trouble() else seconds)
-            while (left_s := until_s - time.monotonic()) > 0:
-                self.subscription.serve(left_s)
-        if trouble := self.subscription.trouble():
-            raise ControlError(trouble)
-
-    def screen(self) -> FleetScreen:
-        """Return the fleet as it is now."""
-        now_s = time.monotonic()
-        return FleetScreen(self.fleet, self.place, self.subscription.trouble(), now_s)
-
-    def show(self, seconds: float) -> None:
-        """Show the fleet on the whole terminal until Ctrl+C."""
-        until_s = time.monotonic() + seconds
-        with suppress(KeyboardInterrupt), Live(screen=True, auto_refresh=False) as live:
-            while time.monotonic() < until_s:
-                live.update(self.screen(), refresh=True)
-                self.subscription.serve(REFRESH_S)
+def _listen(listener: Subscription, seconds: float) -> None:
+    """Listen for that long once there is a connection, or until Ctrl+C; `ControlError` if there is none."""
+    connected_until_s = time.monotonic() + max(seconds, CONNECT_S)
+    with suppress(KeyboardInterrupt):
+        while listener.trouble() and time.monotonic() < connected_until_s:
+            listener.serve(0.05)
+        until_s = time.monotonic() + (0.0 if listener.trouble() else seconds)
+        while (left_s := until_s - time.monotonic()) > 0:
+            listener.serve(left_s)
+    if trouble := listener.trouble():
+        raise ControlError(trouble)
 
 
-class _Answer(msgspec.Struct, frozen=True):
-    """The answer of a device to a request."""
-
-    status: str
-    transaction: str
-    data: Any = None
-    error: str | None = None
-
-
-def _acknowledge(messenger: Subscribes, alarm: str, by: str, wait_s: float, *, as_json: bool) -> None:
-    base, _, rule = alarm.rpartition("/")
-    if not rule or not base.partition("/")[2] or set(alarm) & set("+#"):
-        raise ConfigError([Problem(f"{alarm!r} is no NODE/RULE, such as garage/too-close", key="--acknowledge")])
-    request = {"rule": rule, "transaction": uuid.uuid4().hex, "by": by}
-    answers: list[_Answer] = []
-
-    def take(message: Received) -> None:
-        with suppress(ValueError, RecursionError):  # another's answer, or nonsense
-            answer = msgspec.json.decode(message.payload, type=_Answer)
-            if answer.transaction == request["transaction"]:
-                answers.append(answer)
-
-    until_s, is_sent = time.monotonic() + wait_s, False
-    with closing(messenger.subscribe((f"{base}/response/acknowledge",), take)) as subscription:
-        while not answers and time.monotonic() < until_s:
-            subscription.serve(0.1)
-            if not is_sent and not subscription.trouble():
-                subscription.publish(f"{base}/request/acknowledge", json.dumps(request), math.ceil(wait_s))
-                is_sent = True
-        trouble = subscription.trouble()
-    if not answers:
-        late = f"{base} did not answer within {wait_s:g} s; is it online, and does its program take acknowledgements?"
-        raise ControlError(trouble or late)
-    if answers[0].status != "ok":
-        typer.echo(f"error: {one_line(answers[0].error or 'refused without a reason')}", err=True)
-        raise typer.Exit(NOT_FOUND)
-    print_answer(msgspec.to_builtins(answers[0]), f"acknowledged: {one_line(alarm)}", as_json=as_json)
+def _show(listener: Subscription, seen: Fleet, place: str, seconds: float) -> None:
+    """Show the fleet on the whole terminal until Ctrl+C."""
+    until_s = time.monotonic() + seconds
+    with suppress(KeyboardInterrupt), Live(screen=True, auto_refresh=False) as live:
+        while (now_s := time.monotonic()) < until_s:
+            live.update(FleetScreen(seen, place, listener.trouble(), now_s), refresh=True)
+            listener.serve(REFRESH_S)
 
 
-def _print_once(listener: FleetConnection, *, check: bool, as_json: bool) -> None:
+def _print_once(seen: Fleet, place: str, *, check: bool, as_json: bool) -> None:
     """Print the fleet as it is now; with ``check`` only what is wrong in it."""
     now_s = time.monotonic()
-    found = troubles(listener.fleet, now_s)
+    found = troubles(seen, now_s)
     if as_json:
-        record = {"broker": listener.place, **fleet_record(listener.fleet, now_s), "troubles": found}
-        typer.echo(json.dumps(record, ensure_ascii=False))
+        typer.echo(json.dumps({"broker": place, **fleet_record(seen, now_s), "troubles": found}, ensure_ascii=False))
     elif check:
-        typer.echo("\n".join(found) or f"{len(listener.fleet.devices)} devices are online, and no serious alarm stands")
+        typer.echo("\n".join(found) or f"{len(seen.devices)} devices are online, and no serious alarm stands")
     else:
         console = Console(highlight=False, soft_wrap=True)
-        for line in listener.screen().lines(console.width, sys.maxsize):
-            console.print(line)
+        console.print(*FleetScreen(seen, place, "", now_s).lines(console.width, sys.maxsize), sep="\n")
     if check and found:
         raise typer.Exit(NOT_FOUND)
 
 
-def _absolute(path: Path | None) -> str | None:
-    return None if path is None else str(path.absolute())
+def _acknowledge(broker: Subscribes, alarm: str, by: str, wait_s: float, *, as_json: bool) -> None:
+    """Ask a device to acknowledge an alarm, and print its answer."""
+    base, _, rule = alarm.rpartition("/")
+    if not rule or not base.partition("/")[2] or set(alarm) & set("+#"):
+        raise ConfigError([Problem(f"{alarm!r} is no NODE/RULE, such as garage/too-close", key="--acknowledge")])
+    request = {"rule": rule, "transaction": uuid.uuid4().hex, "by": by}
+    answers: list[dict[str, Any]] = []
+
+    def take(message: Received) -> None:
+        with suppress(ValueError, RecursionError, LookupError, TypeError):  # another's answer, or nonsense
+            answer = json.loads(message.payload)
+            answers.extend([answer] if answer["transaction"] == request["transaction"] else [])
+
+    until_s, unsent = time.monotonic() + wait_s, [request]
+    with closing(broker.subscribe((f"{base}/{RESPONSE.of('acknowledge')}",), take)) as listener:
+        while not answers and time.monotonic() < until_s:
+            listener.serve(0.1)
+            if unsent and not listener.trouble():
+                topic = f"{base}/{REQUEST.of('acknowledge')}"
+                listener.publish(topic, json.dumps(unsent.pop()), math.ceil(wait_s))
+        trouble = listener.trouble()
+    if not answers:
+        late = f"{base} did not answer within {wait_s:g} s; is it online, and does its program take acknowledgements?"
+        raise ControlError(trouble or late)
+    if answers[0].get("status") != "ok":
+        typer.echo(f"error: {one_line(str(answers[0].get('error') or 'refused without a reason'))}", err=True)
+        raise typer.Exit(NOT_FOUND)
+    print_answer(answers[0], f"acknowledged: {one_line(alarm)}", as_json=as_json)
 
 
-def broker_of(config: Path | None, options: Mapping[str, object]) -> Subscribes:
-    """Return the messenger of a configuration, with which a broker can be listened to; else raise ConfigError."""
-    messenger = load_messenger_choice(config, {key: value for key, value in options.items() if value is not None})
-    if not isinstance(messenger.options, Subscribes):
-        raise ConfigError(f"{config}: there is no broker to listen to: its messenger is {messenger.driver!r}")
-    return messenger.options
+# The screen: every device on a line, the worst first, and below them the standing alarms ---------------
+
+_STYLES = {"online": "green", "unknown": "yellow", "info": "cyan", "warning": "yellow"}  # of statuses and severities
+_STALE, _BAD = "bright_black", "bold red"
+
+
+class FleetScreen(Struct, frozen=True):
+    """A fleet at one moment, as rich prints it.
+
+    Attributes:
+        place: The broker.
+        trouble: What is wrong with the connection to it; then every figure is grey.
+    """
+
+    fleet: Fleet
+    place: str
+    trouble: str
+    now_s: float
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Text]:
+        """Yield as many lines as there are rows."""
+        yield from self.lines(options.max_width, options.height or console.height)
+
+    def lines(self, width: int, height: int) -> list[Text]:
+        """Return the screen: alarms get half of it if there are that many, devices the rest."""
+        alarms, devices = self.fleet.standing, sorted(self.fleet.devices.values(), key=self._rank)
+        counts = Counter(device.status(self.now_s) for device in devices)
+        words = ", ".join(f"{count} {status}" for status, count in counts.items()) or "no device heard yet"
+        state = (f"NOT CONNECTED: {self.trouble}", _BAD) if self.trouble else (words, "bold")
+        left_out = f"  {self.fleet.passed_over} messages were passed over" if self.fleet.passed_over else ""
+        for_alarms = min(len(alarms) or 1, max((height - 3) // 2, height - 3 - len(devices)))
+        for_devices = max(0, height - 3 - for_alarms)
+        shown = [
+            Text.assemble(f" {self.fleet.root} at {self.place}  ", state, (left_out, _BAD)),
+            heading("devices", width, _more(len(devices), for_devices)),
+            *map(self._device, devices[:for_devices]),
+            heading("standing alarms", width, _more(len(alarms), for_alarms)),
+            *(map(self._alarm, alarms[:for_alarms]) if alarms else [Text(f" {UNKNOWN if self.trouble else 'none'}")]),
+        ]
+        return [fit(line, width) for line in shown]
+
+    def _rank(self, device: Device) -> tuple[bool, bool, str]:
+        is_well = device.status(self.now_s) == "online"
+        return is_well and not any(alarm.is_serious for alarm in device.standing.values()), is_well, device.name
+
+    def _device(self, device: Device) -> Text:
+        status = device.status(self.now_s)
+        figures = {"standing": len(device.standing), "unknown": len(device.unjudged), "unreadable": device.unreadable}
+        line = Text.assemble(
+            " ",
+            fit(Text(device.name), 20),
+            (f" {status:8} ", _STYLES.get(status, _BAD)),
+            f"{_age(device.newest_s, self.now_s)} ago".ljust(11),
+            fit(Text(device.info.version), 8),
+            *(self._target(device, name) for name in sorted(device.targets)),
+            ("".join(f"  {count} {words}" for words, count in figures.items() if count), "bold"),
+        )
+        return line if status == "online" and not self.trouble else Text(line.plain, _STALE)
+
+    def _target(self, device: Device, name: str) -> Text:
+        target = device.targets[name]
+        is_fresh = target.at_s is not None and self.now_s - target.at_s <= STALE_S
+        figure = target.status if target.distance_m is None else format_distance(target.distance_m, target.sigma_m)
+        if is_fresh and device.is_online and not self.trouble:
+            return Text(f"  {name} {figure}")
+        return Text(f"  {name} {figure} ({_age(target.at_s, self.now_s)} old)", _STALE)
+
+    def _alarm(self, alarm: StandingAlarm) -> Text:
+        line = Text.assemble(
+            (f" {alarm.severity or 'unknown':8}", _STYLES.get(alarm.severity or "", _BAD)),
+            f" {alarm.device}/{alarm.rule}  since {_local_time(alarm.since)}  ",
+            (" ".join(["UNACKNOWLEDGED"] * (not alarm.is_acknowledged) + [*alarm.inhibits]), "bold"),
+            f"  {alarm.reason}",
+        )
+        is_fresh = not self.trouble and self.fleet.devices[alarm.device].status(self.now_s) == "online"
+        return line if is_fresh and not alarm.inhibits else Text(line.plain, _STALE)
+
+
+def _age(at_s: float | None, now_s: float) -> str:
+    return UNKNOWN if at_s is None else format_time(max(0.0, now_s - at_s))
+
+
+def _local_time(text: str) -> str:
+    """Return a device's time on this computer's clock; a dash for what is no time."""
+    try:
+        return datetime.fromisoformat(text).astimezone().strftime("%Y-%m-%d %H:%M:%S")
+    except (ValueError, OverflowError, OSError):
+        return UNKNOWN
+
+
+def _more(count: int, shown: int) -> tuple[str, str]:
+    return (f"{count}, {count - shown} of them not shown", "yellow") if count > shown else (str(count), "dim")

@@ -99,10 +99,6 @@ __all__ = ["Configuration", "DriverChoice", "is_demonstration", "load_camera_cho
 DEMONSTRATION = Path(stadimeter.__file__).parent / "configurations" / "demo.toml"
 
 
-# Where an error is said to be when there is no configuration.
-OPTIONS = Path("options")
-
-
 def is_demonstration(configuration: Path) -> bool:
     """Check whether a file is the demonstration's, which nothing may change and beside which nothing is written."""
     return configuration.resolve() == DEMONSTRATION.resolve()
@@ -242,40 +238,28 @@ def load_camera_choice(path: Path) -> DriverChoice:
     Raises:
         ConfigError: It lists every problem of the section ``[camera]``.
     """
-    return _load_choice(path, "camera", CAMERA, 'add one: driver = "opencv"', {})
+    return _load_choice(path, "camera", CAMERA, 'add one: driver = "opencv"')
 
 
-def load_messenger_choice(path: Path | None, options: Mapping[str, object]) -> DriverChoice:
-    """Load the messenger of a configuration, and nothing else; without one, that for MQTT.
-
-    Args:
-        options: Replace keys of its table.
+def load_messenger_choice(path: Path) -> DriverChoice:
+    """Load the messenger of a configuration, and nothing else.
 
     Raises:
         ConfigError: It lists every problem of the section ``[messenger]``.
     """
-    texts = {OPTIONS: '[messenger]\ndriver = "mqtt"\n'} if path is None else None
-    return _load_choice(path or OPTIONS, "messenger", MESSENGER, 'add one: driver = "mqtt"', options, texts)
+    return _load_choice(path, "messenger", MESSENGER, 'add one: driver = "mqtt"')
 
 
-def _load_choice(
-    path: Path,
-    section: str,
-    kind: DriverKind,
-    remedy: str,
-    options: Mapping[str, object],
-    texts: Texts | None = None,
-) -> DriverChoice:
-    source = read_toml(path, CONFIGURATION_MAX_BYTES, texts=texts)
-    spans = source.spans if texts is None else {}
+def _load_choice(path: Path, section: str, kind: DriverKind, remedy: str) -> DriverChoice:
+    source = read_toml(path, CONFIGURATION_MAX_BYTES)
     table = source.table.get(section)
     if not isinstance(table, Mapping):
         finding = Finding((section,), f"the section [{section}] is missing", remedy, "missing-key")
-        raise ConfigError(problems([finding], str(path), spans))
+        raise ConfigError(problems([finding], str(path), source.spans))
     findings: list[Finding] = []
-    choice, _ = read_driver_table(kind, (section,), {**table, **options}, validation_context(path), findings)
+    choice, _ = read_driver_table(kind, (section,), table, validation_context(path), findings)
     if choice is None or findings:
-        raise ConfigError(problems(findings, str(path), spans))
+        raise ConfigError(problems(findings, str(path), source.spans))
     return choice
 
 

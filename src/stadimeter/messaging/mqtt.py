@@ -17,7 +17,6 @@ from stadimeter.errors import ConfigError, DeviceClosedError, DeviceOpenError
 from stadimeter.messaging.back_off import BackOff, Patience
 from stadimeter.messaging.broker_link import V5, V311, BrokerLink, RequestTopics, describe_deafness, serve
 from stadimeter.messaging.mqtt_client import (
-    LISTENING_PACKET_MAX,
     LinkEvents,
     ListeningClient,
     MqttSettings,
@@ -46,11 +45,9 @@ class MqttOptions(MqttSettings):
         """Return the messenger."""
         return PahoMessenger(self)
 
-    def subscribe(
-        self, filters: Sequence[str], take: Callable[[Received], None], max_bytes: int | None = None
-    ) -> MqttSubscription:
+    def subscribe(self, filters: Sequence[str], take: Callable[[Received], None]) -> MqttSubscription:
         """Return a subscription, not connected yet; see `stadimeter.messaging.protocol.Subscribes`."""
-        return MqttSubscription(self, filters, take, packet_max=max_bytes)
+        return MqttSubscription(self, filters, take)
 
     def reach(self) -> str:
         """Connect once with this login, hang up, and return what is wrong, or an empty string.
@@ -253,7 +250,6 @@ class MqttSubscription:
     Args:
         filters: The topics, with wildcards. They should not overlap: a broker may send a message once for each.
         take: Takes each message, within `serve`.
-        packet_max: Of a longer packet only the beginning is read; None for `LISTENING_PACKET_MAX`.
     """
 
     def __init__(
@@ -262,16 +258,10 @@ class MqttSubscription:
         filters: Sequence[str],
         take: Callable[[Received], None],
         patience: Patience = PATIENCE,
-        packet_max: int | None = None,
     ) -> None:
         self._options = options.model_copy(update={"node": f"{options.node}-fleet-{uuid.uuid4().hex[:8]}"})
         self._secrets = read_secrets(options)
-        self._filters, self._take, self._patience, self._packet_max = (
-            filters,
-            take,
-            patience,
-            packet_max or LISTENING_PACKET_MAX,
-        )
+        self._filters, self._take, self._patience = filters, take, patience
         self._events = LinkEvents(self._options)
         self._back_off = BackOff(patience)
         self._client: Client | None = None
@@ -312,8 +302,7 @@ class MqttSubscription:
 
     def _connect(self) -> None:
         self._events.begin()
-        answer_s, packet_max = self._patience.answer_s, self._packet_max
-        client = make_client(self._options, self._secrets, self._version, answer_s, ListeningClient, packet_max)
+        client = make_client(self._options, self._secrets, self._version, self._patience.answer_s, ListeningClient)
         client.will_clear()
         self._events.listen_to(client)
         client.on_message, client.on_subscribe = self._on_message, self._on_subscribe

@@ -267,13 +267,8 @@ def make_client(
     version: MQTTProtocolVersion,
     answer_s: float,
     kind: type[_Client | ListeningClient] = _Client,
-    packet_max: int | None = None,
 ) -> Client:
-    """Make a client that is ready to connect. It has no thread, and tries nothing by itself.
-
-    Args:
-        packet_max: The largest packet that is read; None for that of the options.
-    """
+    """Make a client that is ready to connect. It has no thread, and tries nothing by itself."""
     is_v5 = version == MQTTProtocolVersion.MQTTv5
     client = kind(
         CallbackAPIVersion.VERSION2,
@@ -283,7 +278,8 @@ def make_client(
         protocol=version,
         reconnect_on_failure=False,
     )
-    client.packet_max = packet_max or options.packet_max
+    if isinstance(client, _Client):
+        client.packet_max = options.packet_max
     client.connect_timeout = answer_s
     client.on_socket_open = _send_at_once
     if options.username is not None:

@@ -190,15 +190,12 @@ class Subscribes(Protocol):
     def place(self) -> str:
         """The peer, for messages to people."""
 
-    def subscribe(
-        self, filters: Sequence[str], take: Callable[[Received], None], max_bytes: int | None = None
-    ) -> Subscription:
+    def subscribe(self, filters: Sequence[str], take: Callable[[Received], None]) -> Subscription:
         """Return a subscription, not connected yet.
 
         Args:
             filters: The topics, with the wildcards of MQTT. They must not overlap.
             take: Takes each message, within `Subscription.serve`.
-            max_bytes: How long a message with its topic may be to be read as a whole; None for some kilobytes.
         """
 
 

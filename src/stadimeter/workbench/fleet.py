@@ -1,7 +1,7 @@
 """The state of every device of a fleet, from the messages that a broker passes on.
 
-Nothing that arrives is trusted: topics, payloads and numbers are bounded, and texts lose their control characters.
-What is remembered has one bound for all, and one for each name below the root, so that no device crowds out the others.
+Nothing that arrives is trusted: topics, payloads and numbers are bounded, and texts lose their control characters. All
+devices, those of one name below the root, and each have bounds, so that none crowds out the others.
 """
 
 from __future__ import annotations
@@ -12,32 +12,29 @@ from typing import Annotated, Any, TypeVar
 
 import msgspec
 from msgspec import Meta, Struct, field
+from msgspec.structs import asdict, replace
 
 from stadimeter.core.bounds import MAX_LENGTH_M
 from stadimeter.core.decision import Severity
-from stadimeter.core.message import EXPIRES_S, HEARTBEAT_S
+from stadimeter.core.message import AVAILABILITY, EXPIRES_S, HEARTBEAT_S, INFO, RULE_STATE, TARGET_STATE
 from stadimeter.core.words import one_line
 from stadimeter.messaging.protocol import Received
 
 # A device reports its targets every `HEARTBEAT_S`; one of which three reports are missing is taken for dead.
 STALE_S = 3 * HEARTBEAT_S
 
-# Of devices, targets and rules together. One name below the root may have a fifth of them.
-MAX_ENTRIES = 50_000
-MAX_ENTRIES_EACH = 10_000
+# Devices in all, and of one name below the root, such as a site; and targets and alarms of a device.
+MAX_DEVICES, MAX_DEVICES_EACH, MAX_ENTRIES = 5000, 1000, 200
 MAX_PAYLOAD_BYTES = 16_000
-MAX_TOPIC_CHARACTERS = 300
-MAX_TEXT_CHARACTERS = 200
+MAX_TOPIC_CHARACTERS, MAX_TEXT_CHARACTERS, MAX_INHIBITS = 300, 200, 8
 
 # The levels of a base topic below its first: ``stadimeter/<node>``, ``stadimeter/<site>/<node>`` and so on.
 MAX_LEVELS = 3
-_KINDS = ("availability", "info", "target/+/state", "rule/+/state")
 _TOPIC = re.compile(r"(?P<base>.+?)/(?:(?P<kind>availability|info)|(?P<of>target|rule)/(?P<name>[^/]+)/state)")
 _OF_RULE = re.compile(r".+/rule/[^/]+/availability")
-_AVAILABILITIES = {b"online": True, b"offline": False}
 
 _Figure = Annotated[float, Meta(ge=-MAX_LENGTH_M, le=MAX_LENGTH_M)]
-PayloadT = TypeVar("PayloadT")
+_StateT = TypeVar("_StateT", bound=Struct)
 
 
 class DeviceInfo(Struct, frozen=True):
@@ -48,55 +45,39 @@ class DeviceInfo(Struct, frozen=True):
     boot_id: str = ""
 
 
-class _TargetPayload(Struct, frozen=True):
-    seq: int
-    status: str
-    distance_m: _Figure | None = None
-    sigma_m: _Figure | None = None
-
-
-class _RulePayload(Struct, frozen=True):
-    active: bool | None
-    severity: str | None = ""
-    acknowledged: bool = True
-    inhibits: list[str] = field(default_factory=list)
-    since: str = ""
-    reason: str = ""
-
-
-class TargetReport(Struct, frozen=True):
+class TargetReport(Struct, frozen=True, kw_only=True):
     """The newest state of a target; `at_s` is when it was sent, on the listener's clock, and None if not known."""
 
     status: str
-    distance_m: float | None
-    sigma_m: float | None
-    sequence: int
-    at_s: float | None
+    distance_m: _Figure | None = None
+    sigma_m: _Figure | None = None
+    at_s: float | None = None
 
 
 class StandingAlarm(Struct, frozen=True, kw_only=True):
     """An alarm that is active, or that no one has acknowledged.
 
     Attributes:
-        severity: Empty if the device does not say, which counts as the worst.
+        severity: Empty if the device does not say, which counts as the worst; None for a rule that is no alarm.
         inhibits: What keeps it quiet, such as ``shelved``.
         since: The time as the device has it.
     """
 
-    device: str
-    rule: str
-    severity: str
-    is_acknowledged: bool
-    inhibits: tuple[str, ...]
-    since: str
-    reason: str
+    device: str = ""
+    rule: str = ""
+    active: bool | None
+    severity: str | None = ""
+    is_acknowledged: bool = field(default=True, name="acknowledged")
+    inhibits: tuple[str, ...] = ()
+    since: str = ""
+    reason: str = ""
 
     @property
-    def rank(self) -> tuple[bool, bool, int, str]:
+    def rank(self) -> tuple[bool, bool, int, str, str, str]:
         """Sorts alarms: those that are kept quiet last, unacknowledged first, then the worst, then the oldest."""
-        order = [*Severity]
-        severity = order.index(Severity(self.severity)) if self.severity in order else len(order)
-        return bool(self.inhibits), self.is_acknowledged, -severity, self.since
+        ranks = {each.value: -rank for rank, each in enumerate(Severity)}
+        severity = ranks.get(self.severity or "", -len(ranks))
+        return bool(self.inhibits), self.is_acknowledged, severity, self.since, self.device, self.rule
 
     @property
     def is_serious(self) -> bool:
@@ -113,7 +94,6 @@ class Device(Struct, kw_only=True):
             say nothing about that, and neither does ``offline``, which the broker says for a device that is gone.
         unjudged: Its alarms of which it is not known whether they are active.
         unreadable: How many messages below its topic were not in the form of stadimeter.
-        missed: How many states of its targets did not arrive, by their numbers.
     """
 
     name: str
@@ -124,7 +104,11 @@ class Device(Struct, kw_only=True):
     standing: dict[str, StandingAlarm] = field(default_factory=dict)
     unjudged: set[str] = field(default_factory=set)
     unreadable: int = 0
-    missed: int = 0
+
+    @property
+    def entries(self) -> int:
+        """Number of its targets and alarms."""
+        return len(self.targets) + len(self.standing) + len(self.unjudged)
 
     def status(self, now_s: float) -> str:
         """Return ``online``, ``offline``, ``silent`` (``online``, but nothing came for long) or ``unknown``."""
@@ -140,134 +124,106 @@ class Fleet:
         root: What the topics of all devices begin with, such as ``stadimeter``.
 
     Attributes:
-        messages: How many came.
-        passed_over: How many there was no room for, or whose topic is too long: then not all is shown.
+        passed_over: How many messages there was no room for, or whose topic is too long: then not all is shown.
     """
 
     def __init__(self, root: str) -> None:
         self.root = root
         self.devices: dict[str, Device] = {}
-        self.messages = self.passed_over = 0
-        self._entries: Counter[str] = Counter()
-        self._entry_count = 0
+        self.passed_over = 0
+        self._counts: Counter[str] = Counter()  # of devices, by the first level of their names
 
     @property
     def filters(self) -> tuple[str, ...]:
         """The topics to subscribe to. No topic matches two of them."""
         bases = [self.root + "/+" * levels for levels in range(MAX_LEVELS + 1)]
-        return tuple(f"{base}/{kind}" for base in bases for kind in _KINDS)
+        kinds = (AVAILABILITY, INFO, TARGET_STATE, RULE_STATE)
+        return tuple(f"{base}/{kind.of('+')}" for base in bases for kind in kinds)
 
     @property
     def standing(self) -> list[StandingAlarm]:
         """Every standing alarm, those that matter most first."""
         every = (alarm for device in self.devices.values() for alarm in device.standing.values())
-        return sorted(every, key=lambda alarm: (alarm.rank, alarm.device, alarm.rule))
+        return sorted(every, key=lambda alarm: alarm.rank)
 
     def take(self, message: Received, now_s: float) -> None:
         """Take in a message that came at ``now_s``, on a monotonic clock."""
-        self.messages += 1
         found = _TOPIC.fullmatch(message.topic) if len(message.topic) <= MAX_TOPIC_CHARACTERS else None
         if found is None:
             self.passed_over += 1
-            return
-        if _OF_RULE.fullmatch(message.topic) or (device := self._device(found["base"], message)) is None:
-            return
-        kind, name = found["kind"] or found["of"], one_line(found["name"] or "")
-        try:
-            self._read(device, kind, name, message, now_s)
-        except (ValueError, RecursionError):  # msgspec's errors are ValueErrors
-            device.unreadable += 1
+        elif not _OF_RULE.fullmatch(message.topic) and (device := self._device(found["base"], message)) is not None:
+            try:
+                self._read(device, found["kind"] or found["of"], one_line(found["name"] or ""), message, now_s)
+            except (ValueError, RecursionError):  # msgspec's errors are ValueErrors
+                device.unreadable += 1
 
     def _device(self, base: str, message: Received) -> Device | None:
         name = one_line(base.removeprefix(f"{self.root}/"))
-        if name not in self.devices and message.payload and self._has_room(name):
+        first = name.partition("/")[0]
+        if name not in self.devices and message.payload:
+            if len(self.devices) >= MAX_DEVICES or self._counts[first] >= MAX_DEVICES_EACH:
+                self.passed_over += 1
+                return None
+            self._counts[first] += 1
             self.devices[name] = Device(name=name)
         return self.devices.get(name)
-
-    def _has_room(self, device: str) -> bool:
-        """Count an entry more, unless there is no room for it."""
-        name = device.partition("/")[0]
-        if self._entry_count >= MAX_ENTRIES or self._entries[name] >= MAX_ENTRIES_EACH:
-            self.passed_over += 1
-            return False
-        self._count(device, 1)
-        return True
-
-    def _count(self, device: str, more: int) -> None:
-        self._entries[device.partition("/")[0]] += more
-        self._entry_count += more
 
     def _read(self, device: Device, kind: str, name: str, message: Received, now_s: float) -> None:
         if len(message.payload) > MAX_PAYLOAD_BYTES:
             raise ValueError("the payload is too long")
-        if kind == "availability":
-            self._read_availability(device, message.payload)
+        if kind == "availability" and not message.payload:  # a person had the broker forget it
+            self._counts[device.name.partition("/")[0]] -= 1
+            del self.devices[device.name]
+        elif kind == "availability":
+            device.is_online = {b"online": True, b"offline": False}.get(message.payload)
+            device.unreadable += device.is_online is None
         elif kind == "info":
-            self._read_info(device, message.payload)
+            info = _decode(message.payload, DeviceInfo)
+            if device.info.boot_id not in {"", info.boot_id}:  # a new run may have other targets
+                device.targets.clear()
+            device.info = info
         elif kind == "rule":
             self._read_rule(device, name, message.payload)
         else:
             self._read_target(device, name, message, now_s)
 
-    def _read_availability(self, device: Device, payload: bytes) -> None:
-        if payload:
-            device.is_online = _AVAILABILITIES.get(payload)
-            device.unreadable += device.is_online is None
-        else:  # somebody had the broker forget it
-            self._count(device.name, -1 - len(device.targets) - len(device.standing) - len(device.unjudged))
-            del self.devices[device.name]
-
-    def _read_info(self, device: Device, payload: bytes) -> None:
-        info = _decode(payload, DeviceInfo)
-        clean = DeviceInfo(_clean(info.version), _clean(info.configuration_sha256), _clean(info.boot_id))
-        if device.info.boot_id not in {"", clean.boot_id}:  # a new run may have other targets
-            self._count(device.name, -len(device.targets))
-            device.targets.clear()
-        device.info = clean
-
     def _read_rule(self, device: Device, name: str, payload: bytes) -> None:
-        state = _decode(payload, _RulePayload) if payload else _RulePayload(active=False)
-        is_alarm = state.severity is not None
-        before = (name in device.standing) + (name in device.unjudged)
+        alarm = _decode(payload, StandingAlarm) if payload else StandingAlarm(active=False)
         device.standing.pop(name, None)
         device.unjudged.discard(name)
-        self._count(device.name, -before)
-        if is_alarm and (state.active or not state.acknowledged) and self._has_room(device.name):
-            device.standing[name] = StandingAlarm(
-                device=device.name,
-                rule=name,
-                severity=_clean(state.severity or ""),
-                is_acknowledged=state.acknowledged,
-                inhibits=tuple(_clean(each) for each in state.inhibits[:8]),
-                since=_clean(state.since),
-                reason=_clean(state.reason),
-            )
-        elif is_alarm and state.active is None and self._has_room(device.name):
+        is_standing = alarm.active or not alarm.is_acknowledged
+        if alarm.severity is None or not (is_standing or alarm.active is None):
+            return
+        if device.entries >= MAX_ENTRIES:
+            self.passed_over += 1
+        elif is_standing:
+            inhibits = tuple(map(_clean, alarm.inhibits[:MAX_INHIBITS]))
+            device.standing[name] = replace(alarm, device=device.name, rule=name, inhibits=inhibits)
+        else:
             device.unjudged.add(name)
 
     def _read_target(self, device: Device, name: str, message: Received, now_s: float) -> None:
-        state = _decode(message.payload, _TargetPayload)
-        before = device.targets.get(name)
-        if before is None and not self._has_room(device.name):
+        report = replace(_decode(message.payload, TargetReport), at_s=_sent_s(message, now_s))
+        if name not in device.targets and device.entries >= MAX_ENTRIES:
+            self.passed_over += 1
             return
-        if before is not None and state.seq > before.sequence:
-            device.missed += state.seq - before.sequence - 1
-        at_s = _sent_s(message, now_s)
-        device.targets[name] = TargetReport(_clean(state.status), state.distance_m, state.sigma_m, state.seq, at_s)
-        if at_s is not None:
-            device.newest_s = max(at_s, device.newest_s or at_s)
+        device.targets[name] = report
+        if report.at_s is not None:
+            device.newest_s = max(report.at_s, device.newest_s or report.at_s)
 
 
 def _sent_s(message: Received, now_s: float) -> float | None:
     """Return when the state of a target was sent: of one that the broker kept, what is left of its life says so."""
     if not message.is_retained:
         return now_s
-    is_known = message.expires_s is not None and message.expires_s <= EXPIRES_S
-    return now_s - (EXPIRES_S - message.expires_s) if is_known and message.expires_s is not None else None
+    left_s = message.expires_s
+    return now_s - (EXPIRES_S - left_s) if left_s is not None and left_s <= EXPIRES_S else None
 
 
-def _decode(payload: bytes, model: type[PayloadT]) -> PayloadT:
-    return msgspec.json.decode(payload, type=model)
+def _decode(payload: bytes, model: type[_StateT]) -> _StateT:
+    """Return a payload of which every text is harmless."""
+    found = msgspec.json.decode(payload, type=model)
+    return replace(found, **{name: _clean(each) for name, each in asdict(found).items() if isinstance(each, str)})
 
 
 def _clean(text: str) -> str:
@@ -276,53 +232,39 @@ def _clean(text: str) -> str:
 
 def fleet_record(fleet: Fleet, now_s: float) -> dict[str, Any]:
     """Return the fleet as ``fleet --json`` prints it. Ages are in seconds, and null where they are not known."""
-    return {
-        "devices": [_device_record(device, now_s) for _, device in sorted(fleet.devices.items())],
-        "alarms": [msgspec.to_builtins(alarm) for alarm in fleet.standing],
-        "messages": fleet.messages,
-        "passed_over": fleet.passed_over,
-    }
+    devices = [_device_record(device, now_s) for _, device in sorted(fleet.devices.items())]
+    return {"devices": devices, "alarms": list(map(asdict, fleet.standing)), "passed_over": fleet.passed_over}
 
 
 def troubles(fleet: Fleet, now_s: float) -> list[str]:
     """Return, as sentences, why not all is well: devices that are not online, and serious alarms that stand."""
     found = [] if fleet.devices else [f"no device was heard below {fleet.root}/"]
-    statuses = {device.name: device.status(now_s) for device in fleet.devices.values()}
-    found += [f"{name}: {status}" for name, status in sorted(statuses.items()) if status != "online"]
-    found += [
-        f"{alarm.device}/{alarm.rule}: {alarm.severity or 'alarm of unknown severity'}: {alarm.reason}"
-        for alarm in fleet.standing
-        if alarm.is_serious
-    ]
+    devices = [device for _, device in sorted(fleet.devices.items()) if device.status(now_s) != "online"]
+    found += [f"{device.name}: {device.status(now_s)}" for device in devices]
+    serious = [alarm for alarm in fleet.standing if alarm.is_serious]
+    unnamed = "alarm of unknown severity"
+    found += [f"{each.device}/{each.rule}: {each.severity or unnamed}: {each.reason}" for each in serious]
     if fleet.passed_over:
         found.append(f"{fleet.passed_over} messages were passed over: there was no room for them, or no such topic")
     return found
 
 
-def age_s(at_s: float | None, now_s: float) -> float | None:
-    """Return the age of something."""
+def _age_s(at_s: float | None, now_s: float) -> float | None:
     return None if at_s is None else round(max(0.0, now_s - at_s), 1)
 
 
 def _device_record(device: Device, now_s: float) -> dict[str, Any]:
+    targets = []
+    for name, report in sorted(device.targets.items()):
+        found = asdict(report)
+        targets.append({"target": name, "age_s": _age_s(found.pop("at_s"), now_s), **found})
     return {
         "device": device.name,
         "status": device.status(now_s),
-        "age_s": age_s(device.newest_s, now_s),
-        **msgspec.to_builtins(device.info),
-        "targets": [
-            {
-                "target": name,
-                "status": target.status,
-                "distance_m": target.distance_m,
-                "sigma_m": target.sigma_m,
-                "sequence": target.sequence,
-                "age_s": age_s(target.at_s, now_s),
-            }
-            for name, target in sorted(device.targets.items())
-        ],
+        "age_s": _age_s(device.newest_s, now_s),
+        **asdict(device.info),
+        "targets": targets,
         "standing": len(device.standing),
         "unjudged": sorted(device.unjudged),
         "unreadable": device.unreadable,
-        "missed": device.missed,
     }
