@@ -221,7 +221,7 @@ def sent(port, text):
 
 
 def test_a_message_of_the_run_that_makes_no_sense_ends_its_subscription_and_no_more(tmp_path, monkeypatch):
-    monkeypatch.setattr("stadimeter.web.live.RETRY_S", 0)
+    monkeypatch.setattr("stadimeter.web.page.RETRY_S", 0)
     chance = random.Random(20)  # noqa: S311
     said = [b"\n", b"{}\n", b"[]\n", b"null\n", b"\xff\n"]
     said += [b'{"status":"ok"}\n', b'{"status":"ok","data":[],"bytes":2}\nxx']

@@ -7,7 +7,7 @@ import pytest
 
 from stadimeter.errors import PageError
 from stadimeter.web.links import PageAnswer
-from stadimeter.web.live import SAMPLES_KEPT_S, Feed
+from stadimeter.web.page import SAMPLES_KEPT_S, Feed
 
 
 class ScriptedRun:
@@ -55,7 +55,7 @@ def told(message):
 @pytest.fixture
 def told_by(monkeypatch):
     """Return a function that runs a story of a run and a feed."""
-    monkeypatch.setattr("stadimeter.web.live.RETRY_S", 0)
+    monkeypatch.setattr("stadimeter.web.page.RETRY_S", 0)
 
     def tell(story):
         async def begin():
@@ -73,7 +73,7 @@ def told_by(monkeypatch):
 
 def test_whoever_comes_while_the_run_hangs_is_told_how_old_the_last_message_is(told_by, monkeypatch):
     now_s = [50.0]
-    monkeypatch.setattr("stadimeter.web.live.time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr("stadimeter.web.page.time.monotonic", lambda: now_s[0])
 
     async def story(run, feed):
         early, late = feed.watch(), feed.watch()
