@@ -11,7 +11,7 @@ import pytest
 
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration
-from stadimeter.config.rules.condition_tables import MAX_DEPTH, WhenTable, kinds_in
+from stadimeter.config.rules.conditions import MAX_DEPTH, WhenTable, kinds_in
 from stadimeter.config.units import parse_angle_or_zero, parse_duration, parse_time_of_day, parse_velocity
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, leaves
 from stadimeter.core.conditions.contact import TimeToContactCondition

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 from msgspec import Struct
 from msgspec.structs import replace
 
-from stadimeter.config.rules.condition_tables import KEYS_OF_GROUPS, OfEach, kinds_in
-from stadimeter.config.rules.memory_tables import FigureTable
+from stadimeter.config.rules.conditions import KEYS_OF_GROUPS, FigureTable, OfEach, kinds_in
 from stadimeter.config.rules.tables import KINDS, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.toml_source import as_toml

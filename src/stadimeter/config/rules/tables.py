@@ -9,9 +9,8 @@ from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator,
 
 from stadimeter.config.models import DurationAboveZero, Section, Share
 from stadimeter.config.rules.action_tables import Factor, FollowTable, PatternTable, RuleCommon, StepTable
-from stadimeter.config.rules.condition_tables import WhenTable
-from stadimeter.config.rules.figure_tables import WrittenFigure, parse_figure
-from stadimeter.config.rules.memory_tables import Every, TimesOfDay
+from stadimeter.config.rules.conditions import Every, TimesOfDay, WhenTable
+from stadimeter.config.rules.limits import WrittenFigure, parse_figure
 from stadimeter.config.units import Duration
 from stadimeter.core import rule
 from stadimeter.core.conditions.compounds import Condition, leaves, targets_of

@@ -73,7 +73,7 @@ class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
 
     @property
     def begins(self) -> str:
-        """Whether it is seen, and for how long."""
+        """A clause on sight, and on the time."""
         since = f" for {duration(self.for_s)}" if self.for_s else ""
         return f"`{self.target}` is {'in' if self.seen else 'out of'} sight{since}"
 
@@ -139,7 +139,7 @@ class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
 
     @property
     def begins(self) -> str:
-        """How many, of which."""
+        """A clause on the number, and of which targets."""
         least, most = self.at_least, self.at_most
         if least is None or most is None:
             number = f"at most {most}" if least is None else f"at least {least}"

@@ -161,7 +161,7 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def ends(self) -> str:
-        """Where the target must come back to."""
+        """A clause on the distance that the target must come back to."""
         return f"it is {back_words(self, self.deadband, self.deadband_sigmas)}"
 
     def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:

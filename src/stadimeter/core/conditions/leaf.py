@@ -173,7 +173,7 @@ class Leaf:
     sides: ClassVar[tuple[str, str]] = ("below ", "above ")
     """The words before a threshold from which on a figure is too low, and too high."""
     doubt: ClassVar[str] = ""
-    """What to add to the figure: what is not counted."""
+    """Words behind a figure on what it does not count."""
 
     @property
     def subject(self) -> str:

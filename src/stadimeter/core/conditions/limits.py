@@ -94,7 +94,7 @@ class LimitsCondition(Leaf):
 
     @property
     def ends(self) -> str:
-        """Where the figure must come back to."""
+        """A clause on the figures that it must come back to."""
         return f"its {self.noun} is {back_words(self, self.deadband, self.deadband_sigmas)}"
 
     def deadband_at(self, noise: float) -> float:

@@ -128,7 +128,7 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def doubt(self) -> str:  # type: ignore[override]
-        """How sure directions are is not known where they are compared as they are."""
+        """The doubt about directions, which are compared as they are."""
         if self._is_apart:
             return "; how sure the directions are is not known, and not counted"
         is_direction = self.noun in {"bearing", "elevation"}
@@ -152,7 +152,7 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def ends(self) -> str:
-        """Where the figure must come back to; standing still ends with any motion."""
+        """A clause on the figures that it must come back to; standing still ends with any motion."""
         if self.quantity == "still":
             return "it has moved"
         if self._is_apart:

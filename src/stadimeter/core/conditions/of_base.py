@@ -38,7 +38,7 @@ class ContactSensorCondition(Leaf, Struct, frozen=True, kw_only=True):
 
     @property
     def begins(self) -> str:
-        """What the sensor tells."""
+        """A clause on what the sensor tells."""
         is_bumper = self.sensor == "is_bumped"
         return "the bumper of the base is pressed" if is_bumper else "there is no floor below the base"
 

@@ -104,7 +104,7 @@ class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def ends(self) -> str:
-        """Where the figure must come back to."""
+        """A clause on the figures that it must come back to."""
         return f"{self.subject} {back_words(self, self.deadband, self.deadband_sigmas)}"
 
     def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:
