@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_DURATION_S, MIN_QUANTITY
 from stadimeter.core.clock import DAY_S
-from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import IN_SIGHT, JudgedFigure, Leaf, RuleInputs, Span, Threshold
 from stadimeter.core.conditions.limits import ends_of
 from stadimeter.core.decision import SafetyMode
 from stadimeter.core.observation import MonthDay, WallTime
@@ -37,7 +37,7 @@ class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
     target: str = ""
 
     noun = "presence"
-    is_by_cycle = True
+    is_by_cycle = is_on_sight = True
 
     @property
     def unit(self) -> str:
@@ -72,6 +72,12 @@ class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
         return JudgedFigure(value=held_s, low=self.for_s)
 
     @property
+    def span(self) -> Span | None:
+        """The stretch of the time in sight, which is below zero out of it; see `Leaf.span`."""
+        limits = (self.for_s, math.inf) if self.seen else (-math.inf, -self.for_s)
+        return Span((IN_SIGHT, self.target), *limits)
+
+    @property
     def begins(self) -> str:
         """A clause on sight, and on the time."""
         since = f" for {duration(self.for_s)}" if self.for_s else ""
@@ -102,7 +108,7 @@ class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
     below_m: float | None = None
 
     noun = "count"
-    is_by_cycle = True
+    is_by_cycle = is_on_sight = True
 
     @property
     def targets_named(self) -> tuple[str, ...]:
@@ -195,6 +201,7 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
 
     noun = "time of day"
     is_by_cycle = True
+    has_noise = False
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002
         """Check whether it holds; see `Leaf.holds`."""
@@ -294,6 +301,7 @@ class RuleCondition(Leaf, Struct, frozen=True, kw_only=True):
 
     noun = "rule"
     is_by_cycle = True
+    has_noise = False
 
     @property
     def rules_named(self) -> tuple[str, ...]:

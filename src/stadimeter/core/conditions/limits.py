@@ -16,8 +16,10 @@ import math
 from collections.abc import Callable
 from typing import ClassVar
 
+from msgspec.structs import replace
+
 from stadimeter.core.conditions.figures import Uncertain, probability_between
-from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold, back_words
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Span, Threshold, back_words
 
 # Nothing is in doubt this many standard deviations from a threshold.
 FAR_SIGMAS = 12.0
@@ -91,6 +93,12 @@ class LimitsCondition(Leaf):
     def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the figure and how sure it is; None while there is no finite figure to act on."""
         raise NotImplementedError
+
+    @property
+    def span(self) -> Span | None:
+        """The stretch of its figure; see `Leaf.span`."""
+        span: Span | None = Leaf.span.fget(self)  # type: ignore[attr-defined]
+        return span and replace(span, deadband=self.deadband)
 
     @property
     def ends(self) -> str:

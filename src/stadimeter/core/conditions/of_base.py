@@ -21,6 +21,7 @@ class ContactSensorCondition(Leaf, Struct, frozen=True, kw_only=True):
     sensor: Literal["is_bumped", "is_at_cliff"]
 
     is_by_cycle = True
+    has_noise = False
 
     @property
     def noun(self) -> str:

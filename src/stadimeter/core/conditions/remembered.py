@@ -41,7 +41,7 @@ class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     deadband: float = 0.0
 
     is_by_cycle = True
-    has_figures = False
+    has_figures = has_noise = False
     section = "figure"
     probability_on = None  # how sure a remembered figure is, is not known
     bounds = (-MAX_SPEED_MPS, MAX_SPEED_MPS)

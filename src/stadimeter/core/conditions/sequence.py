@@ -32,6 +32,7 @@ class SequenceCondition(Leaf, Struct, frozen=True, kw_only=True):
 
     noun = "order of rules"
     is_by_cycle = is_always_known = True
+    has_noise = False
 
     @property
     def rules_named(self) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ class UndeliveredCondition(Leaf, Struct, frozen=True, kw_only=True):
     noun = "undelivered alarm"
     unit = "s"
     is_by_cycle = is_always_known = True
+    has_noise = False
 
     @property
     def limits(self) -> tuple[float, float]:
