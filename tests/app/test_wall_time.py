@@ -91,7 +91,7 @@ def test_the_kernel_is_asked_without_a_fault_on_this_machine():
     assert clocks._kernel_error_us() >= 0
 
 
-NEAR = DistanceCondition(below_m=1.0)
+NEAR = DistanceCondition(below=1.0)
 AT_NIGHT = ScheduleCondition(from_s=22 * 3600, to_s=6 * 3600)
 
 

@@ -36,12 +36,12 @@ def plan(text: str, severity: Severity = Severity.WARNING) -> Condition:
 
 
 ENTRIES: list[tuple[str, Condition]] = [
-    ('{ below = "50 cm" }', DistanceCondition(below_m=0.5)),
-    ('{ above = "1 m", below = "2 m" }', DistanceCondition(above_m=1.0, below_m=2.0)),
+    ('{ below = "50 cm" }', DistanceCondition(below=0.5)),
+    ('{ above = "1 m", below = "2 m" }', DistanceCondition(above=1.0, below=2.0)),
     ('{ between = ["1 m", "2 m"], of = "depth", deadband = "10 cm", deadband_sigmas = 2, target = "tag" }',
-     DistanceCondition(above_m=1.0, below_m=2.0, quantity="depth", deadband_m=0.1, deadband_sigmas=2.0, target="tag")),
+     DistanceCondition(above=1.0, below=2.0, quantity="depth", deadband=0.1, deadband_sigmas=2.0, target="tag")),
     ('{ below = "1 m", probability = "none", probability_off = 0.3 }',
-     DistanceCondition(below_m=1.0, probability_on=None, probability_off=0.3)),
+     DistanceCondition(below=1.0, probability_on=None, probability_off=0.3)),
     ("{ seen = true }", PresenceCondition(seen=True)),
     ('{ lost = true, target = "tag" }', PresenceCondition(seen=False, target="tag")),
     ('{ seen = "5 s" }', PresenceCondition(seen=True, for_s=5.0)),
@@ -85,7 +85,7 @@ ENTRIES: list[tuple[str, Condition]] = [
     ('{ undelivered_for = "5 s" }', UndeliveredCondition(for_s=5.0)),
     ("{ time = { between = [22:00:00, 06:30:00] } }", ScheduleCondition(from_s=79200.0, to_s=23400.0)),
     ('{ all = [ { below = "1 m" }, { not = { seen = true } } ] }',
-     AllOf(conditions=(DistanceCondition(below_m=1.0), Not(condition=PresenceCondition(seen=True))))),
+     AllOf(conditions=(DistanceCondition(below=1.0), Not(condition=PresenceCondition(seen=True))))),
     ('{ any = [ { rule = "a" } ] }', AnyOf(conditions=(RuleCondition(rule="a"),))),
 ]  # fmt: skip
 

@@ -20,7 +20,7 @@ from stadimeter.core.rules.explaining import explain
 from support.conditions import direction
 from support.observing import Rehearsal, measured
 
-NEAR = AlarmRule(name="near", target="ball", condition=DistanceCondition(below_m=1.0, probability_on=None))
+NEAR = AlarmRule(name="near", target="ball", condition=DistanceCondition(below=1.0, probability_on=None))
 BEARING = AlarmRule(
     name="near", target="ball", condition=direction(quantity="bearing", above=0.0), raises_per_min_max=0
 )

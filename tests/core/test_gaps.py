@@ -19,7 +19,7 @@ NEAR = AlarmRule(
     name="near",
     target="ball",
     output="buzzer",
-    condition=DistanceCondition(below_m=1.0),
+    condition=DistanceCondition(below=1.0),
     on_delay=OnDelay(hold_s=14.0),
     off_delay_s=14.0,
 )

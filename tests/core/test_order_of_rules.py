@@ -14,7 +14,7 @@ from stadimeter.core.rules.explaining import explain
 from support.observing import measured
 
 LEFT, RIGHT = (
-    AlarmRule(name=name, target=name, condition=DistanceCondition(below_m=1.0), off_delay_s=0.0)
+    AlarmRule(name=name, target=name, condition=DistanceCondition(below=1.0), off_delay_s=0.0)
     for name in ("left", "right")
 )
 ORDER = SequenceCondition(rules=("left", "right"), within_s=2.0)

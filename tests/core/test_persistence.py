@@ -262,7 +262,7 @@ def test_a_timer_that_was_written_long_before_a_crash_goes_on_from_there():
 def test_a_rule_that_means_something_else_starts_anew():
     run = rehearse(NEAR)
     run.see(3, 0.6, 0.6, 0.6)
-    other = rehearse(replace(NEAR, condition=DistanceCondition(below_m=0.9)))
+    other = rehearse(replace(NEAR, condition=DistanceCondition(below=0.9)))
     state = restore_alarms(other.state, snapshot_alarms(run.state), shift_s=0.0, from_s=1.0, now_s=1.0)
     assert state.rules.steps[0].record == AlarmRecord()
 
@@ -273,8 +273,8 @@ def test_a_rule_that_means_something_else_starts_anew():
 @each_case(
     "other",
     [
-        replace(NEAR, condition=DistanceCondition(below_m=1.1)),
-        replace(NEAR, condition=DistanceCondition(above_m=1.0)),
+        replace(NEAR, condition=DistanceCondition(below=1.1)),
+        replace(NEAR, condition=DistanceCondition(above=1.0)),
         replace(NEAR, condition=AllOf(conditions=(NEAR.condition,))),
         replace(NEAR, condition=PresenceCondition(seen=True)),
         replace(NEAR, severity=Severity.SAFETY),

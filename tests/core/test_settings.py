@@ -25,8 +25,8 @@ from support.each_case import each_case
 from support.random_runs import random_run, with_settings
 from support.two_rules import FAR, NEAR, plan_of, rehearse
 
-BAND = replace(NEAR, name="band", condition=DistanceCondition(above_m=1.0, below_m=2.0))
-AWAY = replace(NEAR, name="away", condition=DistanceCondition(above_m=1.0, deadband_m=0.25))
+BAND = replace(NEAR, name="band", condition=DistanceCondition(above=1.0, below=2.0))
+AWAY = replace(NEAR, name="away", condition=DistanceCondition(above=1.0, deadband=0.25))
 
 
 def record_of(run, index=0):
@@ -138,9 +138,9 @@ def named(condition):
 @each_case(
     ("condition", "names"),
     [
-        (DistanceCondition(below_m=1.0), {"below": 1.0}),
-        (DistanceCondition(above_m=1.0, quantity="depth"), {"above": 1.0}),
-        (DistanceCondition(above_m=1.0, below_m=2.0), {"between.near": 1.0, "between.far": 2.0}),
+        (DistanceCondition(below=1.0), {"below": 1.0}),
+        (DistanceCondition(above=1.0, quantity="depth"), {"above": 1.0}),
+        (DistanceCondition(above=1.0, below=2.0), {"between.near": 1.0, "between.far": 2.0}),
         (direction(above=0.1, below=0.2), {"bearing.between.low": 0.1, "bearing.between.high": 0.2}),
         (closing(above=0.5), {"closing_speed.above": 0.5}),
         (TimeToContactCondition(below_s=2.0), {"time_to_contact.below": 2.0}),
@@ -149,14 +149,14 @@ def named(condition):
         (PresenceCondition(seen=False), {}),
         (RuleCondition(rule="far"), {}),
         (
-            AllOf(conditions=(DistanceCondition(below_m=1.0), closing(above=0.5))),
+            AllOf(conditions=(DistanceCondition(below=1.0), closing(above=0.5))),
             {"below": 1.0, "closing_speed.above": 0.5},
         ),
         (
             AnyOf(
                 conditions=(
-                    DistanceCondition(below_m=1.0),
-                    Not(condition=DistanceCondition(below_m=3.0)),
+                    DistanceCondition(below=1.0),
+                    Not(condition=DistanceCondition(below=3.0)),
                     BatteryCondition(below_v=11.0),
                 )
             ),
@@ -169,11 +169,11 @@ def test_thresholds_are_called_as_in_the_configuration(condition, names):
 
 
 def test_a_part_of_a_condition_is_moved_and_the_others_stay():
-    parts = (DistanceCondition(below_m=1.0), Not(condition=DistanceCondition(below_m=0.2)))
+    parts = (DistanceCondition(below=1.0), Not(condition=DistanceCondition(below=0.2)))
     run = run_at(3.0, replace(NEAR, condition=AnyOf(conditions=parts)))
     run.tell("set-threshold", "near", key="any.1.not.below", value=0.3)
     (near, inverted) = judged(run).condition.conditions
-    assert (near.below_m, inverted.condition.below_m) == (1.0, 0.3)
+    assert (near.below, inverted.condition.below) == (1.0, 0.3)
 
 
 # What others see
@@ -216,15 +216,15 @@ def test_what_is_set_is_lasting_and_goes_on_after_a_restart():
     run.tell("observe", "near")
     after = restarted(run, NEAR)
     assert after.rules.rules == run.state.rules.rules
-    assert after.rules.rules[0].condition.below_m == 0.6
+    assert after.rules.rules[0].condition.below == 0.6
     assert after.rules.traces[0].inhibits == ("observed",)
     (found,) = after.rules.steps[0].record.thresholds
     assert found.at_s == pytest.approx(100.0 - 0.001)
 
 
 CHANGED = replace(NEAR, off_delay_s=5.0)
-OTHERWISE = replace(NEAR, condition=DistanceCondition(below_m=0.7))
-WIDE = replace(AWAY, condition=DistanceCondition(above_m=1.0, deadband_m=0.5))
+OTHERWISE = replace(NEAR, condition=DistanceCondition(below=0.7))
+WIDE = replace(AWAY, condition=DistanceCondition(above=1.0, deadband=0.5))
 
 
 def after_restart(run, rule):
@@ -326,7 +326,7 @@ def test_thresholds_and_observing_are_independent():
     run.tell("observe", "near")
     run.tell("set-threshold", "near", value=0.6)
     run.tell("act", "near")
-    assert judged(run) == replace(NEAR, condition=replace(NEAR.condition, below_m=0.6))
+    assert judged(run) == replace(NEAR, condition=replace(NEAR.condition, below=0.6))
     run.tell("withdraw-threshold", "near")
     assert judged(run) == NEAR
 

@@ -60,9 +60,9 @@ class RandomConditions:
         low, high = sorted(self.rng.uniform(0.6, 2.6) for _ in range(2))
         above, below = self.rng.choice(((None, high), (None, high), (low, None), (low, high + 0.01)))
         return DistanceCondition(
-            above_m=above,
-            below_m=below,
-            deadband_m=self.rng.choice((0.0, 0.2)),
+            above=above,
+            below=below,
+            deadband=self.rng.choice((0.0, 0.2)),
             quantity=self.rng.choice(("distance", "depth")),
             target=self._target(),
             **self._chances(),  # type: ignore[arg-type]
@@ -118,9 +118,7 @@ class RandomConditions:
     def _of_both(self) -> Condition:
         """A compound about both targets, with deadbands in which one may stand while the other is out of sight."""
         parts = tuple(
-            DistanceCondition(
-                below_m=LIMIT_M, deadband_m=0.3, target=target, probability_on=self.rng.choice((0.7, None))
-            )
+            DistanceCondition(below=LIMIT_M, deadband=0.3, target=target, probability_on=self.rng.choice((0.7, None)))
             for target in self.rng.sample(TARGETS, 2)
         )
         whole = self.rng.choice((AllOf(conditions=parts), AnyOf(conditions=parts)))

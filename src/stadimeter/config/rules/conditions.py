@@ -425,7 +425,7 @@ class WhenTable(limits.LimitsTable, limits.LikelihoodTable):
     """In metres, the lower end first."""
     of: Quantity = _DISTANCE.quantity
     """Whether the limits are on the distance or on the depth along the optical axis."""
-    deadband: LengthOrZero = _DISTANCE.deadband_m
+    deadband: LengthOrZero = _DISTANCE.deadband
     """In metres; how far the target must come back."""
     target: str | None = None
     """The target, if it is another one than the rule's."""
@@ -510,10 +510,10 @@ class WhenTable(limits.LimitsTable, limits.LikelihoodTable):
     def _distance(self, severity: Severity) -> DistanceCondition:
         above_m, below_m = self.limits
         return DistanceCondition(
-            above_m=above_m,
-            below_m=below_m,
+            above=above_m,
+            below=below_m,
             quantity=self.of,
-            deadband_m=self.deadband,
+            deadband=self.deadband,
             **self.likelihood(severity),
             target=self.target or "",
         )

@@ -36,10 +36,10 @@ class LimitsCondition(Leaf):
     target: str
     above: float | None
     below: float | None
+    deadband: float
+    """The amount the figure must come back at least, in the SI unit."""
     deadband_sigmas: float = 0.0
     """The deadband in standard deviations of the noise; that in the SI unit counts if it is larger."""
-    limit_fields: ClassVar[tuple[str, str]] = ("above", "below")
-    """The fields of the lower threshold and of the upper one."""
     bounds: ClassVar[tuple[float, float]]
     """The least and the largest value that a threshold may have."""
 
@@ -65,30 +65,25 @@ class LimitsCondition(Leaf):
 
         The lower end stays below the upper one, and alone above the deadband: else it could never end.
         """
-        (low, high), (least, most), (lower, upper) = self.limits, self.bounds, self.limit_fields
+        (low, high), (least, most) = self.limits, self.bounds
         inside = f"{self.section}." if self.section else ""
         if math.isinf(low) and math.isinf(high):
             return ()
         if math.isinf(low):
-            return (Threshold(f"{inside}below", upper, least, most),)
+            return (Threshold(f"{inside}below", "below", least, most),)
         if math.isinf(high):
             above_band = least if self.is_signed else math.nextafter(self.deadband, math.inf)
-            return (Threshold(f"{inside}above", lower, max(least, above_band), most),)
+            return (Threshold(f"{inside}above", "above", max(least, above_band), most),)
         near, far = ("near", "far") if self.unit == "m" else ("low", "high")
         return (
-            Threshold(f"{inside}between.{near}", lower, least, math.nextafter(high, -math.inf)),
-            Threshold(f"{inside}between.{far}", upper, math.nextafter(low, math.inf), most),
+            Threshold(f"{inside}between.{near}", "above", least, math.nextafter(high, -math.inf)),
+            Threshold(f"{inside}between.{far}", "below", math.nextafter(low, math.inf), most),
         )
 
     @property
     def targets_named(self) -> tuple[str, ...]:
         """Its target."""
         return (self.target,)
-
-    @property
-    def deadband(self) -> float:
-        """The amount the figure must come back at least, in the SI unit."""
-        raise NotImplementedError
 
     def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the figure and how sure it is; None while there is no finite figure to act on."""
