@@ -7,8 +7,8 @@ import pytest
 from stadimeter.app import clock as clocks
 from stadimeter.app.clock import TimeOfDay, is_synchronised
 from stadimeter.core.conditions.compounds import AllOf, Not
-from stadimeter.core.conditions.discrete import ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
 from stadimeter.core.observation import MonthDay, WallTime
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule

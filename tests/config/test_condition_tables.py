@@ -15,11 +15,12 @@ from stadimeter.config.rules.conditions import MAX_DEPTH, WhenTable, kinds_in
 from stadimeter.config.units import parse_angle_or_zero, parse_duration, parse_time_of_day, parse_velocity
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, leaves
 from stadimeter.core.conditions.contact import TimeToContactCondition
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
-from stadimeter.core.conditions.undelivered import UndeliveredCondition
+from stadimeter.core.conditions.of_rules import RuleCondition, UndeliveredCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
+from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
 from stadimeter.core.decision import Severity
 from support.conditions import closing, direction, separation, still
 

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, Lost, LostPolicy, OnDelay

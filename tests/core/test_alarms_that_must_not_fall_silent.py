@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from stadimeter.core.conditions.compounds import AllOf, Not
-from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.of_rules import RuleCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decision import RuleStatus, Severity
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.rule import AlarmRule, Lost, LostPolicy, OnDelay

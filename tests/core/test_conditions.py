@@ -9,11 +9,13 @@ from msgspec.structs import replace
 
 from stadimeter.core.conditions.compounds import judge, judged_by_cycle
 from stadimeter.core.conditions.contact import TimeToContactCondition
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.evidence import collect_evidence, describe_begin, describe_end, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.of_rules import RuleCondition
 from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
+from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
 from stadimeter.core.conditions.summary import Window
 from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.observation import WallTime

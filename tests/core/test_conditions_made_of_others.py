@@ -6,10 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not, judge, judged_by_cycle, judged_leaves, leaves
-from stadimeter.core.conditions.discrete import RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.evidence import describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.of_rules import RuleCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
 from stadimeter.core.measurement import Track, TrackStatus
 from support.each_case import each_case
 

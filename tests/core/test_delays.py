@@ -10,8 +10,8 @@ from msgspec.structs import replace
 from stadimeter.core.alarms import machine
 from stadimeter.core.alarms.machine import AlarmRecord
 from stadimeter.core.alarms.state import Sample
-from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan, Safety, Tracking

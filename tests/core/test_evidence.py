@@ -9,10 +9,12 @@ from msgspec.structs import replace
 
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not, judge
 from stadimeter.core.conditions.contact import TimeToContactCondition
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.evidence import collect_evidence
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.of_rules import RuleCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
+from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
 from stadimeter.core.measurement import Track, TrackStatus
 from support.conditions import closing, direction, separation
 

@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decision import RuleStatus, SafetyMode
 from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.observation import FrameStamp, Observation

@@ -5,8 +5,9 @@ from msgspec.structs import replace
 
 from stadimeter.app.persistence.resumption import read_state, state_text
 from stadimeter.core.command import TwistCommand
-from stadimeter.core.conditions.discrete import PresenceCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import EventKind, RuleStatus, Severity
 from stadimeter.core.observation import FrameStamp, Observation, WallTime

@@ -4,7 +4,7 @@ from msgspec.structs import replace
 
 from stadimeter.app.persistence.resumption import read_state, state_text
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.sequence import SequenceCondition
+from stadimeter.core.conditions.of_rules import SequenceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.persistence import restore_alarms, snapshot_alarms

@@ -7,8 +7,8 @@ import random
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.core.conditions.discrete import RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.of_rules import RuleCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.outputs import safe_command

@@ -11,8 +11,8 @@ from msgspec.structs import fields, replace
 from stadimeter.core.alarms.machine import AlarmRecord, AlarmState
 from stadimeter.core.alarms.state import Inhibits, Leg, Resumed, Timers
 from stadimeter.core.conditions.compounds import AllOf
-from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.persistence import find_absences, meaning_of, restore_alarms, shift_times, snapshot_alarms
 from stadimeter.core.rule import EscalationStep, LostPolicy, OnDelay

@@ -3,8 +3,8 @@
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decision import EventKind
 from stadimeter.core.persistence import SnapshotChange, classify_change
 from stadimeter.core.reload import reload

@@ -7,8 +7,9 @@ from msgspec.structs import replace
 
 from stadimeter.core.command import TwistCommand
 from stadimeter.core.conditions.compounds import AllOf, Not
-from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.of_rules import RuleCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decide import initial_state
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan

@@ -27,24 +27,17 @@ from stadimeter.config.units import (
 )
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
-from stadimeter.core.conditions.discrete import (
-    CountCondition,
-    DateSpan,
-    PresenceCondition,
-    RuleCondition,
-    ScheduleCondition,
-    Sun,
-)
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.figures import Quantity
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
+from stadimeter.core.conditions.of_rules import RuleCondition, SequenceCondition, UndeliveredCondition
 from stadimeter.core.conditions.quantities import AXES, STILL_WITHIN_M
 from stadimeter.core.conditions.remembered import RememberedCondition
-from stadimeter.core.conditions.sequence import SequenceCondition
+from stadimeter.core.conditions.schedule import DateSpan, ScheduleCondition, Sun
+from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
 from stadimeter.core.conditions.summary import FigureQuantity, RememberedFigure, Window
-from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
 from stadimeter.core.observation import MonthDay
 from stadimeter.core.words import duration

@@ -1,4 +1,4 @@
-"""The condition that rules were raised in a certain order, soon after each other."""
+"""Conditions on other rules: that one is active, that several were raised in an order, that an alarm is undelivered."""
 
 from __future__ import annotations
 
@@ -8,11 +8,41 @@ from itertools import pairwise
 
 from msgspec import Struct
 
-from stadimeter.core.conditions.leaf import Leaf, RuleInputs
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs
 from stadimeter.core.words import duration
 
 # What is in time is in time, however a difference of times was rounded.
 _ROUNDING_S = 1e-6
+
+_RULE_STATES = {True: "is active", False: "is not active", None: "has nothing to judge by"}
+
+
+class RuleCondition(Leaf, Struct, frozen=True, kw_only=True):
+    """A condition that another rule is active. Unknown while that rule has nothing to judge by."""
+
+    rule: str
+
+    noun = "rule"
+    is_by_cycle = True
+    has_noise = False
+
+    @property
+    def rules_named(self) -> tuple[str, ...]:
+        """That rule."""
+        return (self.rule,)
+
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002
+        """Check whether it holds; see `Leaf.holds`."""
+        return inputs.active.get(self.rule)
+
+    @property
+    def begins(self) -> str:
+        """The rule."""
+        return f"`{self.rule}` is active"
+
+    def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:  # noqa: ARG002
+        """Return the state of the rule; see `Leaf.verdict`."""
+        return f"the rule {self.rule} {_RULE_STATES[inputs.active.get(self.rule)]}"
 
 
 class SequenceCondition(Leaf, Struct, frozen=True, kw_only=True):
@@ -73,3 +103,44 @@ class SequenceCondition(Leaf, Struct, frozen=True, kw_only=True):
             for rule, at_s in ((rule, inputs.raised_at_s.get(rule)) for rule in self.rules)
         ]
         return f"{', '.join(ago)}; in this order within {duration(self.within_s)}"
+
+
+class UndeliveredCondition(Leaf, Struct, frozen=True, kw_only=True):
+    """An alarm's message or notification has waited for this long, and neither broker nor service has taken it.
+
+    It is never unknown: a run without a messenger has nothing to deliver.
+    """
+
+    for_s: float
+
+    noun = "undelivered alarm"
+    unit = "s"
+    is_by_cycle = is_always_known = True
+    has_noise = False
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """In seconds."""
+        return self.for_s, math.inf
+
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool:  # noqa: ARG002 - nothing is unsure of it
+        """Check whether it holds; see `Leaf.holds`."""
+        since_s = inputs.undelivered_since_s
+        return since_s is not None and inputs.now_s >= since_s + self.for_s
+
+    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:  # noqa: ARG002
+        """Return for how many seconds the oldest alarm waits; None for none."""
+        since_s = inputs.undelivered_since_s
+        return None if since_s is None else JudgedFigure(value=inputs.now_s - since_s, low=self.for_s)
+
+    @property
+    def begins(self) -> str:
+        """The time."""
+        return f"an alarm is undelivered for {duration(self.for_s)}"
+
+    def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:  # noqa: ARG002
+        """Return for how long the oldest alarm waits; see `Leaf.verdict`."""
+        reading = self.reading(inputs, is_on)
+        if reading is None:
+            return "no alarm is undelivered"
+        return f"an alarm is undelivered for {reading.value:.1f} s of {self.for_s:g} s"
