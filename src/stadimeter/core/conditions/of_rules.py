@@ -97,7 +97,7 @@ class SequenceCondition(Leaf, Struct, frozen=True, kw_only=True):
         return f"{names} are raised within {duration(self.within_s)}{lasts}"
 
     def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:  # noqa: ARG002
-        """Return when each rule was raised last; see `Leaf.verdict`."""
+        """Return the times at which the rules were raised last; see `Leaf.verdict`."""
         ago = [
             f"{rule} was raised {inputs.now_s - at_s:.1f} s ago" if at_s is not None else f"{rule} was not raised"
             for rule, at_s in ((rule, inputs.raised_at_s.get(rule)) for rule in self.rules)

@@ -145,7 +145,7 @@ class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
         return f"{number} {counted} are {self.where}"
 
     def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:  # noqa: ARG002
-        """Return how many are in sight; see `Leaf.verdict`."""
+        """Return the number in sight; see `Leaf.verdict`."""
         pairs = (("at least", self.at_least), ("at most", self.at_most))
         thresholds = [f"{word} {limit}" for word, limit in pairs if limit is not None]
         counted = self.count(inputs)
