@@ -82,7 +82,7 @@ ENTRIES: list[tuple[str, Condition]] = [
      ScheduleCondition(from_s=79200.0, to_s=21600.0, weekdays=(0, 6))),
     ('{ base = "bumped" }', ContactSensorCondition(sensor="is_bumped")),
     ('{ base = "at_cliff" }', ContactSensorCondition(sensor="is_at_cliff")),
-    ('{ base = { battery_below = "10800 mV" } }', BatteryCondition(below_v=10.8)),
+    ('{ base = { battery_below = "10800 mV" } }', BatteryCondition(below=10.8)),
     ('{ undelivered_for = "5 s" }', UndeliveredCondition(for_s=5.0)),
     ("{ time = { between = [22:00:00, 06:30:00] } }", ScheduleCondition(from_s=79200.0, to_s=23400.0)),
     ('{ all = [ { below = "1 m" }, { not = { seen = true } } ] }',

@@ -145,7 +145,7 @@ def named(condition):
         (direction(above=0.1, below=0.2), {"bearing.between.low": 0.1, "bearing.between.high": 0.2}),
         (closing(above=0.5), {"closing_speed.above": 0.5}),
         (TimeToContactCondition(below_s=2.0), {"time_to_contact.below": 2.0}),
-        (BatteryCondition(below_v=11.0), {"base.battery_below": 11.0}),
+        (BatteryCondition(below=11.0), {"base.battery_below": 11.0}),
         (PresenceCondition(seen=False, for_s=3.0), {"lost": 3.0}),
         (PresenceCondition(seen=False), {}),
         (RuleCondition(rule="far"), {}),
@@ -158,7 +158,7 @@ def named(condition):
                 conditions=(
                     DistanceCondition(below=1.0),
                     Not(condition=DistanceCondition(below=3.0)),
-                    BatteryCondition(below_v=11.0),
+                    BatteryCondition(below=11.0),
                 )
             ),
             {"any.0.below": 1.0, "any.1.not.below": 3.0, "base.battery_below": 11.0},

@@ -108,7 +108,7 @@ class RandomConditions:
             ),
             lambda: CountCondition(at_least=rng.choice((None, 1, 2)), at_most=rng.choice((0, 1))),
             lambda: ContactSensorCondition(sensor=rng.choice(("is_bumped", "is_at_cliff"))),
-            lambda: BatteryCondition(below_v=rng.choice((10.8, 11.4))),
+            lambda: BatteryCondition(below=rng.choice((10.8, 11.4))),
             lambda: UndeliveredCondition(for_s=rng.choice((0.2, 1.0))),
             lambda: ScheduleCondition(from_s=43200.0, to_s=rng.choice((43203.0, 80000.0))),
         )

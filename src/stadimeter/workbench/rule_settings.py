@@ -108,7 +108,7 @@ def _deadbands(alarm: AlarmRule, written: list[WrittenCondition]) -> Iterator[tu
     limits = [
         (within, leaf, each)
         for (within, leaf), each in parts
-        if isinstance(leaf, LimitsCondition) and leaf.section != "still"  # which has none
+        if isinstance(leaf, LimitsCondition) and leaf.section not in {"still", "base"}  # which have none
     ]
     for within, leaf, each in limits:
         inside = f"{leaf.section}." if leaf.section else ""

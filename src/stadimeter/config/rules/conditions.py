@@ -330,7 +330,7 @@ OfBase = Annotated[
 
 def _of_base(base: Any) -> Condition:
     if isinstance(base, BatteryTable):
-        return BatteryCondition(below_v=base.battery_below)
+        return BatteryCondition(below=base.battery_below)
     return ContactSensorCondition(sensor="is_bumped" if base == "bumped" else "is_at_cliff")
 
 
