@@ -17,9 +17,7 @@ from stadimeter.errors import StateError
 from stadimeter.testing.rig import eventually
 from support.observing import Rehearsal
 
-NEAR = AlarmRule(
-    name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0), off_delay_s=0.45
-)
+NEAR = AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below=1.0), off_delay_s=0.45)
 
 
 def plan_of(*rules):

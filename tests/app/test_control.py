@@ -21,14 +21,14 @@ NEAR = AlarmRule(
     name="near",
     target="ball",
     output="buzzer",
-    condition=DistanceCondition(below_m=1.0),
+    condition=DistanceCondition(below=1.0),
     off_delay_s=0.4,
     ack="required",
     latch=True,
 )
 PLAN = Plan(
     targets=("ball",),
-    rules=(NEAR, replace(NEAR, name="nearer", output=None, condition=DistanceCondition(below_m=0.4))),
+    rules=(NEAR, replace(NEAR, name="nearer", output=None, condition=DistanceCondition(below=0.4))),
     outputs=(LevelOutput(name="buzzer"),),
     tracking=Tracking(confirm_frames=1, outliers_max=0, acceleration_mps2=20.0, autocorrelation=0.0),
     safety=Safety(good_frames=1),

@@ -80,7 +80,7 @@ def test_no_two_entities_are_the_same_however_targets_and_rules_are_called(targe
     plan = Plan(
         targets=tuple(targets),
         rules=tuple(
-            AlarmRule(name=name, target="a", condition=DistanceCondition(below_m=1.0), ack="required", latch=True)
+            AlarmRule(name=name, target="a", condition=DistanceCondition(below=1.0), ack="required", latch=True)
             for name in names
         ),
     )
@@ -98,7 +98,7 @@ def test_nothing_is_offered_that_the_run_would_not_take(tmp_path):
 
 
 def test_of_a_rule_that_drives_an_output_only_what_quiets_it_is_offered_unless_outputs_may_be_let_act():
-    condition = DistanceCondition(below_m=1.0)
+    condition = DistanceCondition(below=1.0)
     near = AlarmRule(name="near", target="a", output="motor", condition=condition, ack="required", latch=True)
     plan = Plan(targets=("a",), rules=(near,), outputs=(LevelOutput(name="motor"),))
     components = announcement(plan, PLACE, ORDERS - {"request/release-outputs"}).components

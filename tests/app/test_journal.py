@@ -27,7 +27,7 @@ from support.replaying import replay
 PLAN = Plan(
     targets=("ball",),
     rules=(
-        AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0)),
+        AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below=1.0)),
         RampRule(name="far", target="ball", output="motor", start=3.0, full=6.0),
         FollowRule(name="follow", target="ball", output="base", distance_m=1.0),
     ),
@@ -102,7 +102,7 @@ def test_even_broken_figures_replay_to_the_same_decisions(tmp_path_factory, sigh
 
 def test_other_rules_over_a_recording_show_where_they_differ(tmp_path):
     recorded(tmp_path / "run.jsonl", *[5] * 5, *[1.5] * 5)
-    nearer = AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=2.0))
+    nearer = AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below=2.0))
     other = Plan(targets=("ball",), rules=(nearer, *PLAN.rules[1:]), outputs=PLAN.outputs)
     result = replay(read_journal(tmp_path / "run.jsonl"), other)
     assert 0 < result.identical < result.cycles

@@ -25,7 +25,7 @@ from support.each_case import each_case
 NOON = "2026-06-01T12:00:00.000+00:00"
 LATER = "2026-06-01T12:00:07.000+00:00"
 FRAME_S = 1 / 30
-FAR = DistanceCondition(above_m=2.0)
+FAR = DistanceCondition(above=2.0)
 
 anything = st.none() | st.floats(allow_nan=True, allow_infinity=True)
 

@@ -32,7 +32,7 @@ def alarm(*sends: Send | None) -> AlarmRule:
     return AlarmRule(
         name="near",
         target="ball",
-        condition=DistanceCondition(below_m=0.5),
+        condition=DistanceCondition(below=0.5),
         escalation=tuple(EscalationStep(send=send) for send in sends),
     )
 

@@ -36,7 +36,7 @@ from support.recordings import records_of
 
 PLAN = Plan(
     targets=("ball",),
-    rules=(AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0)),),
+    rules=(AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below=1.0)),),
     outputs=(LevelOutput(name="buzzer"),),
 )
 LENS = CameraModel.with_focal_length(60.0, 64, 48)

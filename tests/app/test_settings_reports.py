@@ -27,7 +27,7 @@ def told_settings(reporter: Reporter, run: Rehearsal, rule: str = "near") -> lis
 
 
 def test_the_documentation_shows_the_real_form():
-    run = rehearse(replace(NEAR, condition=DistanceCondition(below_m=0.5)))
+    run = rehearse(replace(NEAR, condition=DistanceCondition(below=0.5)))
     run.see(3.0)
     run.tell("set-threshold", "near", by="zoe", value=0.6)
     (payload,) = told_settings(Reporter(boot_id="boot"), run)
@@ -67,7 +67,7 @@ def test_what_is_set_is_published_anew_when_a_reload_changes_it_and_cleared_with
     reporter.opening(run.state.plan.rules)
     run.see(3.0)
     assert len(told_settings(reporter, run)) == 1
-    changed = replace(NEAR, condition=DistanceCondition(below_m=0.7))
+    changed = replace(NEAR, condition=DistanceCondition(below=0.7))
     run.state = reload(run.state, plan_of(changed, FAR)).state
     assert reporter.reload((changed, FAR)) == ()
     run.see(3.0)
@@ -85,7 +85,7 @@ def test_what_is_set_is_published_anew_when_a_reload_changes_it_and_cleared_with
 
 
 def test_published_bounds_are_taken_although_they_are_rounded():
-    band = replace(NEAR, condition=DistanceCondition(above_m=1.00004, below_m=2.00004))
+    band = replace(NEAR, condition=DistanceCondition(above=1.00004, below=2.00004))
     run = rehearse(band)
     run.see(3.0)
     (payload,) = told_settings(Reporter(boot_id="boot"), run)

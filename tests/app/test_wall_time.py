@@ -7,8 +7,8 @@ import pytest
 from stadimeter.app import clock as clocks
 from stadimeter.app.clock import TimeOfDay, is_synchronised
 from stadimeter.core.conditions.compounds import AllOf, Not
-from stadimeter.core.conditions.discrete import ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
 from stadimeter.core.observation import MonthDay, WallTime
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
@@ -91,7 +91,7 @@ def test_the_kernel_is_asked_without_a_fault_on_this_machine():
     assert clocks._kernel_error_us() >= 0
 
 
-NEAR = DistanceCondition(below_m=1.0)
+NEAR = DistanceCondition(below=1.0)
 AT_NIGHT = ScheduleCondition(from_s=22 * 3600, to_s=6 * 3600)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.conditions.compounds import AnyOf
-from stadimeter.core.conditions.discrete import RuleCondition
+from stadimeter.core.conditions.of_rules import RuleCondition
 from stadimeter.core.rule import AlarmRule
 from support.simulated_run import SIMULATED_BALL
 

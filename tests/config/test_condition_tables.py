@@ -11,15 +11,16 @@ import pytest
 
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration
-from stadimeter.config.rules.condition_tables import MAX_DEPTH, WhenTable, kinds_in
+from stadimeter.config.rules.conditions import MAX_DEPTH, WhenTable, kinds_in
 from stadimeter.config.units import parse_angle_or_zero, parse_duration, parse_time_of_day, parse_velocity
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, leaves
 from stadimeter.core.conditions.contact import TimeToContactCondition
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
-from stadimeter.core.conditions.undelivered import UndeliveredCondition
+from stadimeter.core.conditions.of_rules import RuleCondition, UndeliveredCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
+from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
 from stadimeter.core.decision import Severity
 from support.conditions import closing, direction, separation, still
 
@@ -36,12 +37,12 @@ def plan(text: str, severity: Severity = Severity.WARNING) -> Condition:
 
 
 ENTRIES: list[tuple[str, Condition]] = [
-    ('{ below = "50 cm" }', DistanceCondition(below_m=0.5)),
-    ('{ above = "1 m", below = "2 m" }', DistanceCondition(above_m=1.0, below_m=2.0)),
+    ('{ below = "50 cm" }', DistanceCondition(below=0.5)),
+    ('{ above = "1 m", below = "2 m" }', DistanceCondition(above=1.0, below=2.0)),
     ('{ between = ["1 m", "2 m"], of = "depth", deadband = "10 cm", deadband_sigmas = 2, target = "tag" }',
-     DistanceCondition(above_m=1.0, below_m=2.0, quantity="depth", deadband_m=0.1, deadband_sigmas=2.0, target="tag")),
+     DistanceCondition(above=1.0, below=2.0, quantity="depth", deadband=0.1, deadband_sigmas=2.0, target="tag")),
     ('{ below = "1 m", probability = "none", probability_off = 0.3 }',
-     DistanceCondition(below_m=1.0, probability_on=None, probability_off=0.3)),
+     DistanceCondition(below=1.0, probability_on=None, probability_off=0.3)),
     ("{ seen = true }", PresenceCondition(seen=True)),
     ('{ lost = true, target = "tag" }', PresenceCondition(seen=False, target="tag")),
     ('{ seen = "5 s" }', PresenceCondition(seen=True, for_s=5.0)),
@@ -81,11 +82,11 @@ ENTRIES: list[tuple[str, Condition]] = [
      ScheduleCondition(from_s=79200.0, to_s=21600.0, weekdays=(0, 6))),
     ('{ base = "bumped" }', ContactSensorCondition(sensor="is_bumped")),
     ('{ base = "at_cliff" }', ContactSensorCondition(sensor="is_at_cliff")),
-    ('{ base = { battery_below = "10800 mV" } }', BatteryCondition(below_v=10.8)),
+    ('{ base = { battery_below = "10800 mV" } }', BatteryCondition(below=10.8)),
     ('{ undelivered_for = "5 s" }', UndeliveredCondition(for_s=5.0)),
     ("{ time = { between = [22:00:00, 06:30:00] } }", ScheduleCondition(from_s=79200.0, to_s=23400.0)),
     ('{ all = [ { below = "1 m" }, { not = { seen = true } } ] }',
-     AllOf(conditions=(DistanceCondition(below_m=1.0), Not(condition=PresenceCondition(seen=True))))),
+     AllOf(conditions=(DistanceCondition(below=1.0), Not(condition=PresenceCondition(seen=True))))),
     ('{ any = [ { rule = "a" } ] }', AnyOf(conditions=(RuleCondition(rule="a"),))),
 ]  # fmt: skip
 

@@ -4,8 +4,8 @@ import pytest
 
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.rule import ALWAYS
 from stadimeter.errors import ConfigError
 from support.simulated_run import SIMULATED_BALL

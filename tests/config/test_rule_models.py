@@ -34,7 +34,7 @@ def test_the_two_uses_that_people_ask_for_most_are_two_lines_each() -> None:
     assert rule('actuator = "motor"\nramp = { from = "10 ft", to = "20 ft" }') == core.RampRule(
         name="it", target="ball", output="motor", start=pytest.approx(3.048), full=pytest.approx(6.096)
     )
-    near = core.AlarmRule(name="it", target="ball", output="buzzer", condition=DistanceCondition(below_m=0.5))
+    near = core.AlarmRule(name="it", target="ball", output="buzzer", condition=DistanceCondition(below=0.5))
     assert rule('actuator = "buzzer"\nwhen = { below = "50 cm" }') == replace(near, on_delay=core.OnDelay())
 
 
@@ -62,7 +62,7 @@ def test_a_safety_rule_acts_at_even_odds_and_at_once() -> None:
     found = alarm('severity = "safety"\nwhen = { below = "1 m" }')
     assert found.severity is Severity.SAFETY
     assert found.on_delay == core.OnDelay()
-    assert found.condition == DistanceCondition(below_m=1.0, probability_on=0.5, target="ball")
+    assert found.condition == DistanceCondition(below=1.0, probability_on=0.5, target="ball")
 
 
 def test_a_safety_rule_about_speed_asks_for_an_estimate_that_has_settled() -> None:
@@ -75,7 +75,7 @@ def test_a_safety_rule_about_speed_asks_for_an_estimate_that_has_settled() -> No
 def test_what_a_safety_rule_says_itself_counts() -> None:
     found = alarm('severity = "safety"\non_delay = "1 s"\nwhen = { below = "1 m", probability = 0.8 }')
     assert found.on_delay == core.OnDelay(hold_s=1.0)
-    assert found.condition == DistanceCondition(below_m=1.0, probability_on=0.8, target="ball")
+    assert found.condition == DistanceCondition(below=1.0, probability_on=0.8, target="ball")
 
 
 def test_every_key_of_an_alarm_reaches_the_core() -> None:
@@ -91,7 +91,7 @@ def test_every_key_of_an_alarm_reaches_the_core() -> None:
         priority=7,
         severity=Severity.ALARM,
         lost=core.Lost(grace_s=1.0, policy=core.LostPolicy.ASSERT, fault_after_s=9.0),
-        condition=DistanceCondition(above_m=1.0),
+        condition=DistanceCondition(above=1.0),
         on_delay=core.OnDelay(frames=2, of_frames=4),
         off_delay_s=0.0,
         level=0.5,

@@ -9,7 +9,7 @@ import pytest
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.conditions.compounds import AnyOf, Not
-from stadimeter.core.conditions.discrete import RuleCondition
+from stadimeter.core.conditions.of_rules import RuleCondition
 from stadimeter.core.plan import BaseOutput, LevelOutput
 from stadimeter.core.rule import AlarmRule, EscalationStep, Pattern, RampRule, Send, Template
 from stadimeter.errors import ConfigError, Problem

@@ -7,8 +7,8 @@ import pytest
 
 from stadimeter.config import extras
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.conditions.discrete import DateSpan, ScheduleCondition
-from stadimeter.core.conditions.sequence import SequenceCondition
+from stadimeter.core.conditions.of_rules import SequenceCondition
+from stadimeter.core.conditions.schedule import DateSpan, ScheduleCondition
 from stadimeter.core.observation import MonthDay
 from stadimeter.errors import ConfigError
 from support.simulated_run import SIMULATED_BALL

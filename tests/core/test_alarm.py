@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, Lost, LostPolicy, OnDelay
@@ -16,7 +16,7 @@ NEAR = AlarmRule(
     name="near",
     target="ball",
     output="buzzer",
-    condition=DistanceCondition(below_m=1.0),
+    condition=DistanceCondition(below=1.0),
     off_delay_s=0.5,
     lost=Lost(grace_s=0.5, fault_after_s=5.0),
 )
@@ -198,7 +198,7 @@ def test_a_target_that_creeps_over_the_limit_is_noticed_when_that_is_likely_enou
 
 
 def test_a_target_between_two_limits_that_is_no_longer_sure_to_be_there_is_noticed():
-    between = DistanceCondition(above_m=0.98, below_m=1.02, deadband_sigmas=0.0)
+    between = DistanceCondition(above=0.98, below=1.02, deadband_sigmas=0.0)
     run = Rehearsal(Plan(targets=("ball",), rules=(replace(NEAR, output=None, condition=between),)))
     run.see(*[1.0] * 10, sigma_m=0.001)
     run.see(*[1.0] * 30, sigma_m=0.5)

@@ -3,8 +3,8 @@
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decision import RuleStatus, Severity
 from support.near_alarm import CLOSE, FAR, NEAR, rehearse
 
@@ -142,7 +142,7 @@ def test_an_alarm_that_still_stands_when_the_cooldown_is_over_is_told_then():
 
 
 def test_the_first_alarm_of_a_group_is_marked_until_all_have_cleared():
-    second = replace(NEAR, name="nearer", output="lamp", condition=DistanceCondition(below_m=0.7))
+    second = replace(NEAR, name="nearer", output="lamp", condition=DistanceCondition(below=0.7))
     run = rehearse(NEAR, second, group="door")
     run.see(*FAR, 0.9, 0.9)
     decision = run.see(*CLOSE)
@@ -259,7 +259,7 @@ def test_a_command_to_a_rule_that_is_not_there_names_those_that_are():
 
 
 def test_a_command_to_all_reaches_those_that_it_is_meant_for():
-    other = replace(NEAR, name="other", output="lamp", condition=DistanceCondition(below_m=0.1))
+    other = replace(NEAR, name="other", output="lamp", condition=DistanceCondition(below=0.1))
     run = rehearse(NEAR, other, ack="required")
     run.see(*FAR, *CLOSE)
     assert run.tell("acknowledge").words == "acknowledge: near"

@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from stadimeter.core.conditions.compounds import AllOf, Not
-from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.of_rules import RuleCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decision import RuleStatus, Severity
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.rule import AlarmRule, Lost, LostPolicy, OnDelay
@@ -287,8 +288,8 @@ def test_no_alarm_is_raised_more_often_in_a_minute_than_it_may_nor_unseen_while_
 
 
 def test_an_alarm_that_its_policy_cleared_is_judged_anew_by_what_begins_it():
-    either = AllOf(conditions=(DistanceCondition(below_m=1.0), Not(condition=RuleCondition(rule="other"))))
-    other = replace(NEAR, name="other", output=None, condition=DistanceCondition(below_m=0.3))
+    either = AllOf(conditions=(DistanceCondition(below=1.0), Not(condition=RuleCondition(rule="other"))))
+    other = replace(NEAR, name="other", output=None, condition=DistanceCondition(below=0.3))
     run = rehearse(replace(NEAR, condition=either, lost=Lost(policy=LostPolicy.CLEAR), off_delay_s=0.0), other)
     run.see(*FAR, *CLOSE, *[None] * 20, *CLOSE)
     assert run.events("near") == ["raised", "cleared", "raised"]

@@ -18,9 +18,9 @@ from stadimeter.core.rules.ramp import ramp_level
 from support.conditions import separation
 from support.each_case import each_case
 
-NEAR = DistanceCondition(below_m=0.5, target="ball")
-FAR = DistanceCondition(above_m=2.0, target="ball")
-BETWEEN = DistanceCondition(above_m=0.5, below_m=1.5, target="ball")
+NEAR = DistanceCondition(below=0.5, target="ball")
+FAR = DistanceCondition(above=2.0, target="ball")
+BETWEEN = DistanceCondition(above=0.5, below=1.5, target="ball")
 
 
 def ball(distance_m, noise_m=0.002, scale_sigma=0.1, target="ball", **more):
@@ -108,8 +108,8 @@ def test_where_contact_is_at_a_distance_the_scale_counts_for_that_distance():
 
 limits = st.builds(
     lambda low_m, width_m, sides: {
-        "above_m": low_m if "above" in sides else None,
-        "below_m": low_m + width_m if "below" in sides else None,
+        "above": low_m if "above" in sides else None,
+        "below": low_m + width_m if "below" in sides else None,
     },
     st.floats(0.3, 4),
     st.floats(0.1, 2),
@@ -129,7 +129,7 @@ def test_noise_within_the_deadband_raises_or_clears_an_alarm_once_at_most(
     ends, probabilities, sigmas, off_limit, shares, wobble
 ):
     (on, off), (noise_share, scale_sigma) = probabilities, shares
-    distance_m = (ends["above_m"] or ends["below_m"]) * (1 + off_limit)
+    distance_m = (ends["above"] or ends["below"]) * (1 + off_limit)
     condition = DistanceCondition(**ends, probability_on=on, probability_off=off, deadband_sigmas=sigmas, target="ball")
     # From end to end 0.7 of the deadband: where a high probability is asked for to go on, the scale takes of it.
     reach_m = 0.35 * sigmas * noise_share * distance_m

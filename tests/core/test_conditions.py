@@ -9,11 +9,13 @@ from msgspec.structs import replace
 
 from stadimeter.core.conditions.compounds import judge, judged_by_cycle
 from stadimeter.core.conditions.contact import TimeToContactCondition
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.evidence import collect_evidence, describe_begin, describe_end, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.of_rules import RuleCondition
 from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
+from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
 from stadimeter.core.conditions.summary import Window
 from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.observation import WallTime
@@ -49,7 +51,7 @@ def words(condition, *tracks, is_active=False, **more):
     return describe_verdict(condition, inputs(*tracks, **more), (), is_active=is_active, with_probability=True)
 
 
-NEAR = DistanceCondition(below_m=1.0, probability_on=0.8, target="ball")
+NEAR = DistanceCondition(below=1.0, probability_on=0.8, target="ball")
 
 
 def test_it_begins_when_it_is_likely_enough():
@@ -103,7 +105,7 @@ def test_a_figure_that_is_not_finite_is_not_known_either(condition, broken):
 
 
 def test_between_needs_both_limits():
-    between = DistanceCondition(above_m=1.0, below_m=2.0, target="ball")
+    between = DistanceCondition(above=1.0, below=2.0, target="ball")
     assert [holds(between, track(d)) for d in (0.9, 1.5, 2.1)] == [False, True, False]
     assert words(between, track(1.5)) == "1.50 m ± 0.02, between 1.00 m and 2.00 m: P 1.00, begins at 0.70"
 
@@ -121,12 +123,12 @@ def test_a_count_of_raises_says_the_number_that_is_enough_everywhere():
 
 
 def test_depth_can_be_meant_instead_of_distance():
-    by_depth = DistanceCondition(below_m=1.0, quantity="depth", target="ball")
+    by_depth = DistanceCondition(below=1.0, quantity="depth", target="ball")
     assert holds(by_depth, track(1.2, depth_m=0.9)) is True
 
 
 def test_plain_comparison_is_there_for_who_wants_it():
-    plain = replace(NEAR, probability_on=None, deadband_sigmas=0.0, deadband_m=0.1)
+    plain = replace(NEAR, probability_on=None, deadband_sigmas=0.0, deadband=0.1)
     assert holds(plain, track(0.999, sigma_m=0.5)) is True
     assert holds(plain, track(1.09, sigma_m=0.5), is_active=True) is True
     assert holds(plain, track(1.11, sigma_m=0.5), is_active=True) is False
@@ -134,14 +136,14 @@ def test_plain_comparison_is_there_for_who_wants_it():
 
 
 def test_the_deadband_grows_with_the_standard_deviation():
-    far = replace(NEAR, below_m=8.0)
+    far = replace(NEAR, below=8.0)
     _, near_limit = NEAR.widened_limits(1.0, 0.01)
     _, far_limit = far.widened_limits(8.0, 0.64)
     assert near_limit == pytest.approx(1.03)
     assert far_limit == pytest.approx(9.92)
 
 
-BAND = DistanceCondition(above_m=0.9, below_m=1.0, target="ball")
+BAND = DistanceCondition(above=0.9, below=1.0, target="ball")
 
 
 @pytest.mark.parametrize(("first_m", "then_m"), [(3.0, 0.4), (0.4, 3.0)])
@@ -373,9 +375,9 @@ def test_what_goes_by_frames_and_what_goes_by_cycles_is_told_apart():
 SIMPLE = st.one_of(
     st.builds(
         DistanceCondition,
-        above_m=st.none() | st.floats(0.5, 2.0),
-        below_m=st.none() | st.floats(0.5, 4.0),
-        deadband_m=st.floats(0, 0.5),
+        above=st.none() | st.floats(0.5, 2.0),
+        below=st.none() | st.floats(0.5, 4.0),
+        deadband=st.floats(0, 0.5),
         deadband_sigmas=st.floats(0, 4),
         probability_on=st.none() | st.floats(0.05, 0.95),
         probability_off=st.floats(0.05, 0.95),

@@ -6,10 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not, judge, judged_by_cycle, judged_leaves, leaves
-from stadimeter.core.conditions.discrete import RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.evidence import describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.of_rules import RuleCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
 from stadimeter.core.measurement import Track, TrackStatus
 from support.each_case import each_case
 
@@ -83,7 +84,7 @@ def track(target, distance_m, sigma_m=0.02, status=TrackStatus.TRACKING):
 
 
 def near(target="ball", below_m=1.0):
-    return DistanceCondition(below_m=below_m, probability_on=0.8, deadband_sigmas=3.0, target=target)
+    return DistanceCondition(below=below_m, probability_on=0.8, deadband_sigmas=3.0, target=target)
 
 
 def seeing(ball=3.0, tag=3.0, **more):
@@ -206,8 +207,8 @@ sightings = st.builds(
 mixed = st.recursive(
     st.builds(
         lambda target, sides, sure, off, sigmas: DistanceCondition(
-            above_m=0.9 if "above" in sides else None,
-            below_m=1.0 if "below" in sides else None,
+            above=0.9 if "above" in sides else None,
+            below=1.0 if "below" in sides else None,
             probability_on=sure,
             probability_off=off,
             deadband_sigmas=sigmas,

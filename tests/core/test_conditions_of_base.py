@@ -8,7 +8,7 @@ from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.of_base import BATTERY_DEADBAND_V, BatteryCondition, ContactSensorCondition
 from support.each_case import each_case
 
-LOW = BatteryCondition(below_v=11.0)
+LOW = BatteryCondition(below=11.0)
 BUMPED = ContactSensorCondition(sensor="is_bumped")
 
 

@@ -20,12 +20,10 @@ from support.observing import Rehearsal, measured, missed
 PLAN = Plan(
     targets=("ball",),
     rules=(
-        AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=0.5)),
+        AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below=0.5)),
         RampRule(name="far", target="ball", output="motor", start=3.0, full=6.0, level_min=0.2),
         FollowRule(name="follow", target="ball", output="base", distance_m=1.0),
-        AlarmRule(
-            name="too-near", target="ball", output="base", priority=200, condition=DistanceCondition(below_m=0.4)
-        ),
+        AlarmRule(name="too-near", target="ball", output="base", priority=200, condition=DistanceCondition(below=0.4)),
     ),
     outputs=(LevelOutput(name="motor", safe_level=0.1), LevelOutput(name="buzzer"), BaseOutput(name="base")),
     tracking=Tracking(confirm_frames=1),

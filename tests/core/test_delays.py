@@ -10,8 +10,8 @@ from msgspec.structs import replace
 from stadimeter.core.alarms import machine
 from stadimeter.core.alarms.machine import AlarmRecord
 from stadimeter.core.alarms.state import Sample
-from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan, Safety, Tracking
@@ -20,7 +20,7 @@ from stadimeter.core.rules.explaining import explain
 from support.conditions import direction
 from support.observing import Rehearsal, measured
 
-NEAR = AlarmRule(name="near", target="ball", condition=DistanceCondition(below_m=1.0, probability_on=None))
+NEAR = AlarmRule(name="near", target="ball", condition=DistanceCondition(below=1.0, probability_on=None))
 BEARING = AlarmRule(
     name="near", target="ball", condition=direction(quantity="bearing", above=0.0), raises_per_min_max=0
 )

@@ -9,14 +9,16 @@ from msgspec.structs import replace
 
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not, judge
 from stadimeter.core.conditions.contact import TimeToContactCondition
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.evidence import collect_evidence
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.of_rules import RuleCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
+from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
 from stadimeter.core.measurement import Track, TrackStatus
 from support.conditions import closing, direction, separation
 
-NEAR = DistanceCondition(below_m=2.0, probability_on=0.8, probability_off=0.5, deadband_sigmas=3.0, target="ball")
+NEAR = DistanceCondition(below=2.0, probability_on=0.8, probability_off=0.5, deadband_sigmas=3.0, target="ball")
 
 
 def track(distance_m=2.1, sigma_m=0.1, target="ball", **more):
@@ -69,7 +71,7 @@ def test_while_it_holds_the_deadband_is_in_the_limit():
 
 
 def test_between_two_limits_it_turns_at_two_figures():
-    between = replace(NEAR, above_m=1.0)
+    between = replace(NEAR, above=1.0)
     (found,) = of(between, track(1.5, 0.02))
     first, second = found.begin_points
     assert 1.0 < first < 1.02
@@ -78,14 +80,14 @@ def test_between_two_limits_it_turns_at_two_figures():
 
 
 def test_a_condition_that_is_too_unsure_to_begin_anywhere_says_so_by_saying_nothing():
-    narrow = replace(NEAR, above_m=1.9)
+    narrow = replace(NEAR, above=1.9)
     (found,) = of(narrow, track(1.95, 0.5))
     assert found.begin_points == ()
     assert found.begins_at == ""
 
 
 def test_a_plain_comparison_turns_at_its_limits():
-    plain = replace(NEAR, probability_on=None, deadband_sigmas=0.0, deadband_m=0.1)
+    plain = replace(NEAR, probability_on=None, deadband_sigmas=0.0, deadband=0.1)
     (found,) = of(plain)
     assert found.probability is None
     assert (found.begins_at, found.ends_at) == ("2.00 m", "2.10 m")
@@ -145,7 +147,7 @@ def test_other_conditions_tell_what_they_go_by():
 
 
 def test_there_is_one_for_each_part_judged_as_the_whole_judges_it():
-    condition = AllOf(conditions=(NEAR, DistanceCondition(above_m=0.5, target="tag")))
+    condition = AllOf(conditions=(NEAR, DistanceCondition(above=0.5, target="tag")))
     ball, tag = of(condition, track(2.1), track(0.45, target="tag"), is_active=True, held=(True, False))
     assert (ball.holds, tag.holds) == (True, False)
     assert ball.high > 2.0
@@ -166,7 +168,7 @@ def test_below_a_not_the_whole_begins_where_the_part_ends():
     st.booleans(),
 )
 def test_the_condition_turns_exactly_where_it_is_said_to(distance_m, sigma_m, probability, side, is_on):
-    limits = {"above_m": 2.0} if side == "above" else {"below_m": 2.0}
+    limits = {"above": 2.0} if side == "above" else {"below": 2.0}
     condition = DistanceCondition(probability_on=probability, target="ball", **limits)
     (found,) = of(condition, track(distance_m, sigma_m))
     points = found.end_points if is_on else found.begin_points

@@ -21,7 +21,7 @@ NEAR = AlarmRule(
     name="near",
     target="ball",
     output="buzzer",
-    condition=DistanceCondition(below_m=2.0, probability_on=0.8),
+    condition=DistanceCondition(below=2.0, probability_on=0.8),
     off_delay_s=1.0,
     cooldown_s=0,
 )
@@ -106,7 +106,7 @@ def test_a_rule_without_its_target_says_so_and_what_it_does_meanwhile():
 
 
 def test_a_rule_that_lost_its_output_says_to_whom():
-    other = replace(NEAR, name="nearer", priority=200, condition=DistanceCondition(below_m=1.5))
+    other = replace(NEAR, name="nearer", priority=200, condition=DistanceCondition(below=1.5))
     run = rehearse(NEAR, other)
     decision = run.see(3.0, *[1.0] * 5)
     assert said(decision).endswith("but 'nearer' commands 'buzzer', with a higher priority than 100")
@@ -159,7 +159,7 @@ def test_within_the_cooldown_it_says_when_people_are_told():
 
 
 def test_a_condition_with_parts_shows_each_with_its_own_verdict():
-    parts = AllOf(conditions=(DistanceCondition(below_m=2.0), Not(condition=direction(above=0.1))))
+    parts = AllOf(conditions=(DistanceCondition(below=2.0), Not(condition=direction(above=0.1))))
     run = rehearse(condition=parts)
     found = explain(run.see(*[1.0] * 5, bearing_rad=0.3), "near")
     assert found.status is RuleStatus.IDLE

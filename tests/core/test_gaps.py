@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decision import RuleStatus, SafetyMode
 from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.observation import FrameStamp, Observation
@@ -19,7 +19,7 @@ NEAR = AlarmRule(
     name="near",
     target="ball",
     output="buzzer",
-    condition=DistanceCondition(below_m=1.0),
+    condition=DistanceCondition(below=1.0),
     on_delay=OnDelay(hold_s=14.0),
     off_delay_s=14.0,
 )

@@ -5,8 +5,9 @@ from msgspec.structs import replace
 
 from stadimeter.app.persistence.resumption import read_state, state_text
 from stadimeter.core.command import TwistCommand
-from stadimeter.core.conditions.discrete import PresenceCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import EventKind, RuleStatus, Severity
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
@@ -104,7 +105,7 @@ def test_where_a_gate_cannot_be_known_its_ramp_does_not_act():
 
 
 def test_a_gate_has_the_hysteresis_of_its_condition():
-    run = Run(replace(RAMP, gate=gate(DistanceCondition(below_m=1.0, deadband_m=0.5, target="tag"))))
+    run = Run(replace(RAMP, gate=gate(DistanceCondition(below=1.0, deadband=0.5, target="tag"))))
     assert level(run.see(1.5, tag_m=1.3, times=5)) == 0.0
     assert level(run.see(1.5, tag_m=0.8, times=5)) > 0.4
     assert level(run.see(1.5, tag_m=1.3, times=5)) > 0.4
@@ -124,7 +125,7 @@ def test_a_base_whose_gate_closes_stands_gently():
 
 
 def test_a_base_whose_gate_cannot_be_known_stands_at_once():
-    run = Run(replace(FOLLOW, gate=gate(DistanceCondition(below_m=5.0, target="tag"))))
+    run = Run(replace(FOLLOW, gate=gate(DistanceCondition(below=5.0, target="tag"))))
     assert speed(run.see(3.0, tag_m=2.0, times=40)) > 0.4
     decision = run.see(3.0, tag_m=None, times=3)
     assert speed(decision) == 0.0
@@ -203,7 +204,7 @@ def test_while_it_is_suppressed_a_ramp_is_quiet_and_not_by_guess():
 
 
 def test_a_threshold_of_a_gate_is_moved_like_one_of_an_alarm():
-    run = Run(replace(RAMP, gate=gate(DistanceCondition(below_m=1.0, target="tag"))))
+    run = Run(replace(RAMP, gate=gate(DistanceCondition(below=1.0, target="tag"))))
     assert level(run.see(1.5, tag_m=1.5, times=5)) == 0.0
     assert run.see(1.5, tag_m=1.5, command=run.order("set-threshold", "beep", value=2.0)).answers[0].accepted
     decision = run.see(1.5, tag_m=1.5, times=2)
@@ -233,7 +234,7 @@ STEPS = (
     EscalationStep(after_s=0.5, send=Send(template=Template(text="{rule}"), topic="a"), when=BY_NIGHT),
     EscalationStep(after_s=0.5, output="buzzer", when=BY_NIGHT),
 )
-NEAR = AlarmRule(name="near", target="ball", condition=DistanceCondition(below_m=1.0), cooldown_s=0.0, escalation=STEPS)
+NEAR = AlarmRule(name="near", target="ball", condition=DistanceCondition(below=1.0), cooldown_s=0.0, escalation=STEPS)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule
 from stadimeter.core.rules.explaining import explain
 from support.observing import Rehearsal, measured
 
-NEAR = AlarmRule(name="near", target="ball", output="motor", condition=DistanceCondition(below_m=1.0))
+NEAR = AlarmRule(name="near", target="ball", output="motor", condition=DistanceCondition(below=1.0))
 PLAN = Plan(
     targets=("ball",),
     rules=(NEAR,),
@@ -96,7 +96,7 @@ def test_a_rule_whose_output_is_held_explains_by_whom(run):
 
 
 def test_no_hold_stands_before_a_rule_of_safety():
-    rules = (NEAR, replace(NEAR, name="touching", severity=Severity.SAFETY, condition=DistanceCondition(below_m=0.6)))
+    rules = (NEAR, replace(NEAR, name="touching", severity=Severity.SAFETY, condition=DistanceCondition(below=0.6)))
     run = Run(replace(PLAN, rules=rules))
     run.see(0.5, 0.5, 0.5)
     assert run.hold(level=0.0, distance_m=0.5).accepted

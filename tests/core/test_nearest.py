@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from stadimeter.core.conditions.discrete import CountCondition
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.sight import CountCondition
 from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.decision import EventKind, SafetyMode
 from stadimeter.core.measurement import Measurement, Track, TrackStatus

@@ -4,7 +4,7 @@ from msgspec.structs import replace
 
 from stadimeter.app.persistence.resumption import read_state, state_text
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.sequence import SequenceCondition
+from stadimeter.core.conditions.of_rules import SequenceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.persistence import restore_alarms, snapshot_alarms
@@ -14,7 +14,7 @@ from stadimeter.core.rules.explaining import explain
 from support.observing import measured
 
 LEFT, RIGHT = (
-    AlarmRule(name=name, target=name, condition=DistanceCondition(below_m=1.0), off_delay_s=0.0)
+    AlarmRule(name=name, target=name, condition=DistanceCondition(below=1.0), off_delay_s=0.0)
     for name in ("left", "right")
 )
 ORDER = SequenceCondition(rules=("left", "right"), within_s=2.0)

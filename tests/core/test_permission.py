@@ -7,8 +7,8 @@ import random
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.core.conditions.discrete import RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.of_rules import RuleCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.outputs import safe_command
@@ -18,7 +18,7 @@ from stadimeter.core.safety import could_let_act
 from stadimeter.operator_actions import OperatorAction
 from support.random_runs import OUTPUTS, random_run
 
-NEAR = DistanceCondition(below_m=1.0)
+NEAR = DistanceCondition(below=1.0)
 TELLS = AlarmRule(name="tells", target="ball", condition=NEAR, ack="required", latch=True)
 BUZZES = replace(TELLS, name="buzzes", output="motor")
 STOPS = replace(TELLS, name="stops", output="base", priority=200)

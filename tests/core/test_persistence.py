@@ -11,8 +11,8 @@ from msgspec.structs import fields, replace
 from stadimeter.core.alarms.machine import AlarmRecord, AlarmState
 from stadimeter.core.alarms.state import Inhibits, Leg, Resumed, Timers
 from stadimeter.core.conditions.compounds import AllOf
-from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.persistence import find_absences, meaning_of, restore_alarms, shift_times, snapshot_alarms
 from stadimeter.core.rule import EscalationStep, LostPolicy, OnDelay
@@ -262,7 +262,7 @@ def test_a_timer_that_was_written_long_before_a_crash_goes_on_from_there():
 def test_a_rule_that_means_something_else_starts_anew():
     run = rehearse(NEAR)
     run.see(3, 0.6, 0.6, 0.6)
-    other = rehearse(replace(NEAR, condition=DistanceCondition(below_m=0.9)))
+    other = rehearse(replace(NEAR, condition=DistanceCondition(below=0.9)))
     state = restore_alarms(other.state, snapshot_alarms(run.state), shift_s=0.0, from_s=1.0, now_s=1.0)
     assert state.rules.steps[0].record == AlarmRecord()
 
@@ -273,8 +273,8 @@ def test_a_rule_that_means_something_else_starts_anew():
 @each_case(
     "other",
     [
-        replace(NEAR, condition=DistanceCondition(below_m=1.1)),
-        replace(NEAR, condition=DistanceCondition(above_m=1.0)),
+        replace(NEAR, condition=DistanceCondition(below=1.1)),
+        replace(NEAR, condition=DistanceCondition(above=1.0)),
         replace(NEAR, condition=AllOf(conditions=(NEAR.condition,))),
         replace(NEAR, condition=PresenceCondition(seen=True)),
         replace(NEAR, severity=Severity.SAFETY),

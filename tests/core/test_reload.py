@@ -3,8 +3,8 @@
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decision import EventKind
 from stadimeter.core.persistence import SnapshotChange, classify_change
 from stadimeter.core.reload import reload
@@ -95,7 +95,7 @@ def test_an_alarm_whose_rule_is_removed_clears_and_lets_its_output_go_at_once():
 def test_an_alarm_whose_rule_is_changed_clears_and_begins_anew():
     run = rehearse(NEAR)
     run.see(3, 0.6, 0.6, 0.6)
-    taken = reload(run.state, plan_of(replace(NEAR, condition=DistanceCondition(below_m=0.7))))
+    taken = reload(run.state, plan_of(replace(NEAR, condition=DistanceCondition(below=0.7))))
     assert taken.changed == ("near",)
     run.state = taken.state
     run.see(0.6, 0.6)

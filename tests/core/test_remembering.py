@@ -20,7 +20,7 @@ STEP_S = 0.1
 NEAR = AlarmRule(
     name="near",
     target="ball",
-    condition=DistanceCondition(below_m=1.0, probability_on=None, deadband_sigmas=0.0),
+    condition=DistanceCondition(below=1.0, probability_on=None, deadband_sigmas=0.0),
     off_delay_s=0.0,
     raises_per_min_max=0,
 )

@@ -5,9 +5,9 @@ from datetime import date, timedelta
 
 import pytest
 
-from stadimeter.core.conditions.discrete import DateSpan, ScheduleCondition
 from stadimeter.core.conditions.evidence import describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.schedule import DateSpan, ScheduleCondition
 from stadimeter.core.observation import MonthDay, WallTime
 
 HOUR_S = 3600.0

@@ -7,8 +7,9 @@ from msgspec.structs import replace
 
 from stadimeter.core.command import TwistCommand
 from stadimeter.core.conditions.compounds import AllOf, Not
-from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.of_rules import RuleCondition
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decide import initial_state
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan
@@ -117,7 +118,7 @@ def test_a_message_counts_how_often_the_alarm_was_raised():
 
 
 def test_a_suppressed_alarm_is_quiet_and_tells_what_suppresses_it():
-    maintenance = AlarmRule(name="far", target="ball", condition=DistanceCondition(below_m=0.7), off_delay_s=0.2)
+    maintenance = AlarmRule(name="far", target="ball", condition=DistanceCondition(below=0.7), off_delay_s=0.2)
     run = rehearse(replace(NEAR, suppress_when=RuleCondition(rule="far"), escalation=(CALL,)), maintenance)
     run.see(*FAR)
     assert levels(run.see(0.9, 0.9))[0] == 1.0
@@ -131,7 +132,7 @@ def test_a_suppressed_alarm_is_quiet_and_tells_what_suppresses_it():
 
 
 def test_what_cannot_be_known_suppresses_nothing():
-    far = AlarmRule(name="far", target="ball", condition=DistanceCondition(below_m=0.7))
+    far = AlarmRule(name="far", target="ball", condition=DistanceCondition(below=0.7))
     gone = AlarmRule(
         name="gone",
         target="ball",

@@ -11,9 +11,10 @@ from stadimeter.app.persistence.resumption import read_state, state_text
 from stadimeter.core.alarms.settings import show_thresholds, thresholds_of
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.of_base import BatteryCondition
+from stadimeter.core.conditions.of_rules import RuleCondition
+from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Severity
 from stadimeter.core.persistence import SnapshotChange, classify_change, restore_alarms, snapshot_alarms
@@ -25,8 +26,8 @@ from support.each_case import each_case
 from support.random_runs import random_run, with_settings
 from support.two_rules import FAR, NEAR, plan_of, rehearse
 
-BAND = replace(NEAR, name="band", condition=DistanceCondition(above_m=1.0, below_m=2.0))
-AWAY = replace(NEAR, name="away", condition=DistanceCondition(above_m=1.0, deadband_m=0.25))
+BAND = replace(NEAR, name="band", condition=DistanceCondition(above=1.0, below=2.0))
+AWAY = replace(NEAR, name="away", condition=DistanceCondition(above=1.0, deadband=0.25))
 
 
 def record_of(run, index=0):
@@ -138,26 +139,26 @@ def named(condition):
 @each_case(
     ("condition", "names"),
     [
-        (DistanceCondition(below_m=1.0), {"below": 1.0}),
-        (DistanceCondition(above_m=1.0, quantity="depth"), {"above": 1.0}),
-        (DistanceCondition(above_m=1.0, below_m=2.0), {"between.near": 1.0, "between.far": 2.0}),
+        (DistanceCondition(below=1.0), {"below": 1.0}),
+        (DistanceCondition(above=1.0, quantity="depth"), {"above": 1.0}),
+        (DistanceCondition(above=1.0, below=2.0), {"between.near": 1.0, "between.far": 2.0}),
         (direction(above=0.1, below=0.2), {"bearing.between.low": 0.1, "bearing.between.high": 0.2}),
         (closing(above=0.5), {"closing_speed.above": 0.5}),
         (TimeToContactCondition(below_s=2.0), {"time_to_contact.below": 2.0}),
-        (BatteryCondition(below_v=11.0), {"base.battery_below": 11.0}),
+        (BatteryCondition(below=11.0), {"base.battery_below": 11.0}),
         (PresenceCondition(seen=False, for_s=3.0), {"lost": 3.0}),
         (PresenceCondition(seen=False), {}),
         (RuleCondition(rule="far"), {}),
         (
-            AllOf(conditions=(DistanceCondition(below_m=1.0), closing(above=0.5))),
+            AllOf(conditions=(DistanceCondition(below=1.0), closing(above=0.5))),
             {"below": 1.0, "closing_speed.above": 0.5},
         ),
         (
             AnyOf(
                 conditions=(
-                    DistanceCondition(below_m=1.0),
-                    Not(condition=DistanceCondition(below_m=3.0)),
-                    BatteryCondition(below_v=11.0),
+                    DistanceCondition(below=1.0),
+                    Not(condition=DistanceCondition(below=3.0)),
+                    BatteryCondition(below=11.0),
                 )
             ),
             {"any.0.below": 1.0, "any.1.not.below": 3.0, "base.battery_below": 11.0},
@@ -169,11 +170,11 @@ def test_thresholds_are_called_as_in_the_configuration(condition, names):
 
 
 def test_a_part_of_a_condition_is_moved_and_the_others_stay():
-    parts = (DistanceCondition(below_m=1.0), Not(condition=DistanceCondition(below_m=0.2)))
+    parts = (DistanceCondition(below=1.0), Not(condition=DistanceCondition(below=0.2)))
     run = run_at(3.0, replace(NEAR, condition=AnyOf(conditions=parts)))
     run.tell("set-threshold", "near", key="any.1.not.below", value=0.3)
     (near, inverted) = judged(run).condition.conditions
-    assert (near.below_m, inverted.condition.below_m) == (1.0, 0.3)
+    assert (near.below, inverted.condition.below) == (1.0, 0.3)
 
 
 # What others see
@@ -216,15 +217,15 @@ def test_what_is_set_is_lasting_and_goes_on_after_a_restart():
     run.tell("observe", "near")
     after = restarted(run, NEAR)
     assert after.rules.rules == run.state.rules.rules
-    assert after.rules.rules[0].condition.below_m == 0.6
+    assert after.rules.rules[0].condition.below == 0.6
     assert after.rules.traces[0].inhibits == ("observed",)
     (found,) = after.rules.steps[0].record.thresholds
     assert found.at_s == pytest.approx(100.0 - 0.001)
 
 
 CHANGED = replace(NEAR, off_delay_s=5.0)
-OTHERWISE = replace(NEAR, condition=DistanceCondition(below_m=0.7))
-WIDE = replace(AWAY, condition=DistanceCondition(above_m=1.0, deadband_m=0.5))
+OTHERWISE = replace(NEAR, condition=DistanceCondition(below=0.7))
+WIDE = replace(AWAY, condition=DistanceCondition(above=1.0, deadband=0.5))
 
 
 def after_restart(run, rule):
@@ -326,7 +327,7 @@ def test_thresholds_and_observing_are_independent():
     run.tell("observe", "near")
     run.tell("set-threshold", "near", value=0.6)
     run.tell("act", "near")
-    assert judged(run) == replace(NEAR, condition=replace(NEAR.condition, below_m=0.6))
+    assert judged(run) == replace(NEAR, condition=replace(NEAR.condition, below=0.6))
     run.tell("withdraw-threshold", "near")
     assert judged(run) == NEAR
 

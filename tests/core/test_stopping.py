@@ -16,7 +16,7 @@ from stadimeter.operator_actions import OperatorAction
 from support.observing import Rehearsal, measured
 
 NEAR = AlarmRule(
-    name="near", target="ball", output="motor", condition=DistanceCondition(below_m=4.0), severity=Severity.SAFETY
+    name="near", target="ball", output="motor", condition=DistanceCondition(below=4.0), severity=Severity.SAFETY
 )
 FOLLOW = FollowRule(name="follow", target="ball", output="base", distance_m=2.0)
 PLAN = Plan(

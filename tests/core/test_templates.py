@@ -15,7 +15,7 @@ from stadimeter.core.rule import AlarmRule, Template
 from stadimeter.core.templates import FIELDS, FLAG_FIELDS, NUMBER_FIELDS, TEXT_FIELDS, TemplateError
 from support.each_case import each_case
 
-RULE = AlarmRule(name="near", target="ball", condition=DistanceCondition(below_m=0.5))
+RULE = AlarmRule(name="near", target="ball", condition=DistanceCondition(below=0.5))
 EVENT = Event(
     kind=EventKind.RAISED,
     source="near",

@@ -4,7 +4,7 @@ import pytest
 
 from stadimeter.core.conditions.evidence import describe_begin, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
-from stadimeter.core.conditions.undelivered import UndeliveredCondition
+from stadimeter.core.conditions.of_rules import UndeliveredCondition
 
 LATE = UndeliveredCondition(for_s=5.0)
 

@@ -11,11 +11,12 @@ from stadimeter.app.persistence.resumption import read_state, state_text
 from stadimeter.core.alarms.alarm import GatedStep
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.compounds import leaves
-from stadimeter.core.conditions.discrete import CountCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.measured import FigureCondition
+from stadimeter.core.conditions.of_rules import RuleCondition, SequenceCondition
 from stadimeter.core.conditions.quantities import QUANTITIES
 from stadimeter.core.conditions.remembered import RememberedCondition
-from stadimeter.core.conditions.sequence import SequenceCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
+from stadimeter.core.conditions.sight import CountCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.persistence import AlarmSnapshot, find_absences, restore_alarms, snapshot_alarms
 from stadimeter.core.rule import AlarmRule, conditions_of

@@ -203,7 +203,7 @@ def test_one_that_is_surely_nearer_takes_the_place_of_the_one_that_is_followed(n
 @pytest.mark.long
 def test_an_alarm_on_a_person_is_raised_by_another_one_who_comes_nearer(networks: dict[str, Path]) -> None:
     """One is tracked at 7.9 m, another one is at 5 m for 2.8 s: below 5.5 m."""
-    near = AlarmRule(name="near", target="it", condition=DistanceCondition(below_m=5.5, target="it"))
+    near = AlarmRule(name="near", target="it", condition=DistanceCondition(below=5.5, target="it"))
     plan = Plan(targets=("it",), rules=(near,), safety=Safety(good_frames=1))
     through, state, raised = ThroughLens(detector(networks["yolox"], every="0.2 s"), CAMERA), initial_state(plan), []
     for number in range(78):

@@ -31,7 +31,7 @@ from support.replaying import replay
 
 PLAN = Plan(
     targets=("ball",),
-    rules=(AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0)),),
+    rules=(AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below=1.0)),),
     outputs=(LevelOutput(name="buzzer"),),
 )
 TEXT = """\

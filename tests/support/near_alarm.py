@@ -12,7 +12,7 @@ from stadimeter.core.rule import AlarmRule, AnyRule
 from support.observing import Rehearsal
 
 NEAR = AlarmRule(
-    name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0), off_delay_s=0.2, cooldown_s=0
+    name="near", target="ball", output="buzzer", condition=DistanceCondition(below=1.0), off_delay_s=0.2, cooldown_s=0
 )
 FAR, CLOSE = (3.0,) * 5, (0.5,) * 3
 OUTPUTS: tuple[Output, ...] = (LevelOutput(name="buzzer"), LevelOutput(name="lamp"), BaseOutput(name="base"))

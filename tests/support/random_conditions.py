@@ -7,11 +7,12 @@ from collections.abc import Callable
 
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
-from stadimeter.core.conditions.undelivered import UndeliveredCondition
+from stadimeter.core.conditions.of_rules import RuleCondition, UndeliveredCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
+from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
 from support.conditions import closing, compared, direction, separation, still
 
 TARGETS = ("ball", "tag")
@@ -60,9 +61,9 @@ class RandomConditions:
         low, high = sorted(self.rng.uniform(0.6, 2.6) for _ in range(2))
         above, below = self.rng.choice(((None, high), (None, high), (low, None), (low, high + 0.01)))
         return DistanceCondition(
-            above_m=above,
-            below_m=below,
-            deadband_m=self.rng.choice((0.0, 0.2)),
+            above=above,
+            below=below,
+            deadband=self.rng.choice((0.0, 0.2)),
             quantity=self.rng.choice(("distance", "depth")),
             target=self._target(),
             **self._chances(),  # type: ignore[arg-type]
@@ -107,7 +108,7 @@ class RandomConditions:
             ),
             lambda: CountCondition(at_least=rng.choice((None, 1, 2)), at_most=rng.choice((0, 1))),
             lambda: ContactSensorCondition(sensor=rng.choice(("is_bumped", "is_at_cliff"))),
-            lambda: BatteryCondition(below_v=rng.choice((10.8, 11.4))),
+            lambda: BatteryCondition(below=rng.choice((10.8, 11.4))),
             lambda: UndeliveredCondition(for_s=rng.choice((0.2, 1.0))),
             lambda: ScheduleCondition(from_s=43200.0, to_s=rng.choice((43203.0, 80000.0))),
         )
@@ -118,9 +119,7 @@ class RandomConditions:
     def _of_both(self) -> Condition:
         """A compound about both targets, with deadbands in which one may stand while the other is out of sight."""
         parts = tuple(
-            DistanceCondition(
-                below_m=LIMIT_M, deadband_m=0.3, target=target, probability_on=self.rng.choice((0.7, None))
-            )
+            DistanceCondition(below=LIMIT_M, deadband=0.3, target=target, probability_on=self.rng.choice((0.7, None)))
             for target in self.rng.sample(TARGETS, 2)
         )
         whole = self.rng.choice((AllOf(conditions=parts), AnyOf(conditions=parts)))

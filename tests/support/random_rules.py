@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stadimeter.core.conditions.sequence import SequenceCondition
+from stadimeter.core.conditions.of_rules import SequenceCondition
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import (
     AlarmRule,

@@ -149,7 +149,7 @@ def read_state(folder: Path) -> object:
 
 def cycles_of(count: int) -> Iterator[CycleRecord]:
     """Yield the cycles of a run whose target comes nearer, and whose alarm goes off."""
-    buzzer = AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0))
+    buzzer = AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below=1.0))
     rehearsal = Rehearsal(Plan(targets=("ball",), rules=(buzzer,), outputs=(LevelOutput(name="buzzer"),)))
     for number in range(count):
         decision = rehearsal.see(2.0 - number / 10)

@@ -9,7 +9,7 @@ NEAR = AlarmRule(
     name="near",
     target="ball",
     output="buzzer",
-    condition=DistanceCondition(below_m=1.0),
+    condition=DistanceCondition(below=1.0),
     off_delay_s=1.95,
     cooldown_s=0.0,
     lost=Lost(grace_s=0.5, fault_after_s=5.0),

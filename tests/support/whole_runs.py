@@ -11,10 +11,10 @@ from msgspec.structs import replace
 from stadimeter.core.alarms.settings import thresholds_of
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.compounds import Condition
-from stadimeter.core.conditions.discrete import DateSpan, ScheduleCondition
 from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
 from stadimeter.core.conditions.quantities import QUANTITIES
 from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.conditions.schedule import DateSpan, ScheduleCondition
 from stadimeter.core.conditions.summary import RememberedFigure, Window
 from stadimeter.core.observation import MonthDay, Observation, WallTime
 from stadimeter.core.operator import OperatorCommand

@@ -63,7 +63,7 @@ def heard() -> Heard:
 
 
 def test_what_a_run_publishes_is_understood_word_for_word(heard: Heard) -> None:
-    rule = AlarmRule(name="near", target="ball", condition=DistanceCondition(below_m=2.0), severity=Severity.SAFETY)
+    rule = AlarmRule(name="near", target="ball", condition=DistanceCondition(below=2.0), severity=Severity.SAFETY)
     reporter = Reporter(boot_id="boot")
     decision = Decision(
         commands=(),

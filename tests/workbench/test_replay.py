@@ -22,7 +22,7 @@ from support.whole_runs import whole_run
 
 
 def plan(below_m=1.0):
-    alarm = AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=below_m))
+    alarm = AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below=below_m))
     return Plan(targets=("ball",), rules=(alarm,), outputs=(LevelOutput(name="buzzer"),))
 
 

@@ -19,7 +19,7 @@ FRAME_S = 0.05
 
 
 def plan(below_m=1.0, **changes):
-    alarm = AlarmRule(name="near", target="ball", condition=DistanceCondition(below_m=below_m), off_delay_s=0.0)
+    alarm = AlarmRule(name="near", target="ball", condition=DistanceCondition(below=below_m), off_delay_s=0.0)
     return Plan(targets=("ball",), rules=(replace(alarm, **changes),))
 
 
@@ -107,7 +107,7 @@ def seconds(count):
 
 def test_the_moment_of_a_crossing_is_found_between_frames_and_without_delay():
     distances_m = [2.0 - 1.0 * at_s for at_s in seconds(40)]
-    (stay,) = stays(seconds(40), distances_m, DistanceCondition(below_m=1.123))
+    (stay,) = stays(seconds(40), distances_m, DistanceCondition(below=1.123))
     assert stay == Stay(pytest.approx(0.877, abs=1e-6), pytest.approx(39 * FRAME_S), is_entered=True)
 
 
@@ -117,7 +117,7 @@ def test_the_moment_of_a_crossing_is_found_between_frames_and_without_delay():
 )
 def test_stays_are_in_order_apart_and_within_what_was_measured(distances_m, gaps_s):
     at_s = [sum(gaps_s[: number + 1]) for number in range(len(distances_m))]
-    found = stays(at_s, distances_m, DistanceCondition(below_m=3.0, above_m=1.0))
+    found = stays(at_s, distances_m, DistanceCondition(below=3.0, above=1.0))
     bounds_s = [bound_s for stay in found for bound_s in (stay.from_s, stay.to_s)]
     assert bounds_s == sorted(bounds_s)
     assert all(at_s[0] <= bound_s <= at_s[-1] for bound_s in bounds_s)

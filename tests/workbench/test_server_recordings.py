@@ -36,7 +36,7 @@ RECORDED = Recorded(
 )
 PLAN = Plan(
     targets=("ball",),
-    rules=(AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0)),),
+    rules=(AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below=1.0)),),
     outputs=(LevelOutput(name="buzzer"),),
 )
 PERIOD_S = 0.1

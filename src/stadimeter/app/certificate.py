@@ -120,7 +120,7 @@ class Site:
                 for leaf in (leaf for when in each.conditions() for leaf in when.leaves()):
                     found = leaf.leaf
                     if isinstance(found, DistanceCondition) and found.target in names:
-                        ends = (("below", found.below_m), ("above", found.above_m))
+                        ends = (("below", found.below), ("above", found.above))
                         yield from (
                             (leaf.path, f"{rule.name}: {word} {at:.2f} m", at, found) for word, at in ends if at
                         )
@@ -139,8 +139,8 @@ class Site:
             noise_m, (bias_m, bias_sigma_m) = noise_at_m(certificate.placements, limit_m), fit.bias_m(limit_m)
             sigma_m, odds, trouble = math.hypot(noise_m, bias_sigma_m), None, ""
             if condition is not None:
-                band_m = max(condition.deadband_m, condition.deadband_sigmas * noise_m)
-                odds = (band_m, *_odds(condition, band_m, bias_m if limit_m == condition.below_m else -bias_m, sigma_m))
+                band_m = max(condition.deadband, condition.deadband_sigmas * noise_m)
+                odds = (band_m, *_odds(condition, band_m, bias_m if limit_m == condition.below else -bias_m, sigma_m))
                 if band_m < noise_m:
                     trouble = (
                         f"the deadband of {100 * band_m:.1f} cm is smaller than the scatter, ± {100 * noise_m:.1f} cm"

@@ -150,9 +150,9 @@ def _condition_findings(
 def _distance_findings(
     at: KeyPath, condition: DistanceCondition, size: TargetShape, camera: CameraModel
 ) -> Iterator[Finding]:
-    limits_m = [each for each in (condition.above_m, condition.below_m) if each]
+    limits_m = [each for each in (condition.above, condition.below) if each]
     nearest_m = farthest_m(size, camera, min(camera.width_px, camera.height_px))
-    if condition.below_m is not None and condition.below_m <= nearest_m:
+    if condition.below is not None and condition.below <= nearest_m:
         yield _too_near(at, condition, nearest_m, camera)
         return
     small = list(_too_small(at, max(limits_m, default=0.0), condition.target, size, camera))
@@ -166,7 +166,7 @@ def _distance_findings(
 def _too_near(at: KeyPath, condition: DistanceCondition, nearest_m: float, camera: CameraModel) -> Finding:
     message = (
         f"'{condition.target}' is larger than a picture of {camera.width_px}x{camera.height_px} when it is nearer than "
-        f"{length(nearest_m)}: within {length(condition.below_m or 0.0)} it is never measured"
+        f"{length(nearest_m)}: within {length(condition.below or 0.0)} it is never measured"
     )
     return Finding(at, message, "a smaller target, a wider lens or a further limit helps", "unreachable")
 
@@ -203,7 +203,7 @@ def _too_noisy(
 
 def _too_narrow(at: KeyPath, condition: DistanceCondition, size: TargetShape, camera: CameraModel) -> Iterator[Finding]:
     """Find limits so near to each other that a distance is never surely enough between them."""
-    low_m, high_m, likely_on = condition.above_m, condition.below_m, condition.probability_on
+    low_m, high_m, likely_on = condition.above, condition.below, condition.probability_on
     if not low_m or high_m is None or likely_on is None or high_m <= low_m:
         return
     within = [expect(size, camera, low_m + (high_m - low_m) * step / 20) for step in range(1, 20)]
@@ -223,11 +223,11 @@ def _ends_too_far(
     at: KeyPath, condition: DistanceCondition, size: TargetShape, camera: CameraModel
 ) -> Iterator[Finding]:
     """Find an alarm that begins where the target is seen, and ends only where it is not."""
-    if condition.below_m is None:
+    if condition.below is None:
         return
-    noise_m = expect(size, camera, condition.below_m).noise_m
-    band_m = max(condition.deadband_m, condition.deadband_sigmas * noise_m)
-    ends_m, seen_m = condition.below_m + band_m, farthest_m(size, camera)
+    noise_m = expect(size, camera, condition.below).noise_m
+    band_m = max(condition.deadband, condition.deadband_sigmas * noise_m)
+    ends_m, seen_m = condition.below + band_m, farthest_m(size, camera)
     if ends_m > seen_m:
         message = (
             f"with its deadband of {band_m:.2f} m the alarm ends at {length(ends_m)}, and beyond {length(seen_m)} "

@@ -247,12 +247,12 @@ def _tracking_toml(proposal: Proposal, configuration: Configuration) -> Iterator
 
 def _when(tuned: Tuned, settings: Settings) -> Iterator[str]:
     condition = tuned.condition
-    if condition.above_m is not None and condition.below_m is not None:
-        yield f'between = ["{condition.above_m:g} m", "{condition.below_m:g} m"]'
-    elif condition.below_m is not None:
-        yield f'below = "{condition.below_m:g} m"'
+    if condition.above is not None and condition.below is not None:
+        yield f'between = ["{condition.above:g} m", "{condition.below:g} m"]'
+    elif condition.below is not None:
+        yield f'below = "{condition.below:g} m"'
     else:
-        yield f'above = "{condition.above_m:g} m"'
+        yield f'above = "{condition.above:g} m"'
     if condition.quantity == "depth":
         yield 'of = "depth"'
     if condition.target != tuned.rule.target:
@@ -261,8 +261,8 @@ def _when(tuned: Tuned, settings: Settings) -> Iterator[str]:
     if condition.probability_off != 0.5:
         yield f"probability_off = {condition.probability_off:g}"
     yield f"deadband_sigmas = {settings.deadband_sigmas:g}"
-    if condition.deadband_m:
-        yield f'deadband = "{condition.deadband_m:g} m"'
+    if condition.deadband:
+        yield f'deadband = "{condition.deadband:g} m"'
 
 
 def _on_delay_in_words(delay: OnDelay) -> str:

@@ -21,17 +21,8 @@ from stadimeter.config.draft import BASE_NAME, Draft, output_path
 from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_list, known_keys
 from stadimeter.config.loop_gain import loop_findings
 from stadimeter.config.plugins import marked_options
-from stadimeter.config.rules.condition_tables import (
-    KEYS_ABOUT_DISTANCE,
-    KEYS_ABOUT_WHOM,
-    KEYS_OF_A_TARGET,
-    KEYS_OF_COMPARISONS,
-    KEYS_OF_NO_TARGET,
-    KEYS_OF_OTHERS,
-    KEYS_OF_QUANTITIES,
-    MAX_DEPTH,
-    WhenTable,
-)
+from stadimeter.config.rules import conditions
+from stadimeter.config.rules.conditions import KEYS_ABOUT_DISTANCE, KEYS_ABOUT_WHOM, LIMITS, MAX_DEPTH, WhenTable
 from stadimeter.config.rules.tables import AT_TIMES, GATED, KINDS, FramesTable, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import PinMark, PortMark
@@ -50,17 +41,16 @@ _ONLY_FOR_ALARMS = (
     "cooldown", "raises_per_min_max", "group", "escalation", "notify",
 )  # fmt: skip
 _SENDS = ("escalation", "notify")
-_LIMITS = (("above", "below"), ("between",))
-# What a condition can be; a table with keys of several of these groups is short for all of them.
-_CONDITION_KINDS = (*_LIMITS, *((key,) for key in (*KEYS_OF_A_TARGET, *KEYS_OF_NO_TARGET, *KEYS_OF_OTHERS)))
+# What a condition can be; a table with several of these keys is short for all of them.
+_NAMED = (*LIMITS, *conditions.KINDS)
 
-# Conditions that are a table of their own, in which their deadbands and probabilities stand.
-_BETWEEN_LIMITS = ("bearing", "elevation", "closing_speed", "separation", "figure", *KEYS_OF_QUANTITIES)
-_INSIDE = (*_BETWEEN_LIMITS, "time_to_contact", *KEYS_OF_COMPARISONS)
+# Conditions that are a table of their own, with limits; and those in which deadbands and probabilities stand.
+_TABLES = {key: known_keys(WhenTable, (key,)) for key, kind in conditions.KINDS.items() if kind.is_about != "others"}
+_BETWEEN_LIMITS = [key for key, known in _TABLES.items() if {"above", "between"} <= {*known}]
+_INSIDE = [key for key, known in _TABLES.items() if "deadband" in known]
 
 _GATED = f"{', '.join(GATED[:-1])} and {GATED[-1]}"
 _LIMITS_FORM = "write above, below, both of these, or between"
-_NAMED = [key for group in _CONDITION_KINDS for key in group]
 _KNOWN = known_keys(WhenTable)
 _ONE_OF = f"write one of {', '.join(_NAMED[:-1])} and {_NAMED[-1]}"
 
@@ -296,7 +286,7 @@ def condition_findings(at: KeyPath, table: Mapping[str, Any], depth: int = 1) ->
         message = f"conditions stand inside each other more than {MAX_DEPTH} deep"
         yield Finding(at, message, "make rules of some of them, and ask for those with rule", "too-deep")
         return
-    written = [key for group in _CONDITION_KINDS for key in group if key in table]
+    written = [key for key in _NAMED if key in table]
     yield from _not_empty(at, table, written)
     yield from _limits_of_one_form(at, table)
     if written:
@@ -316,15 +306,16 @@ def _meaningless(at: KeyPath, table: Mapping[str, Any], written: list[str]) -> I
     about = [key for key in KEYS_ABOUT_WHOM if key in table]
     for key in about[1:]:
         yield Finding((*at, key), f"'{about[0]}' says already whom this is about", "keep one of them", "condition-keys")
-    if any(key in group for group in _LIMITS for key in written):
+    if any(key in LIMITS for key in written):
         return
     kinds = " and ".join(f"'{kind}'" for kind in written)
     inside = next((kind for kind in written if kind in _INSIDE), "")
     for key in (key for key in KEYS_ABOUT_DISTANCE if key in table):
         hint = f"write it inside {inside}" if inside and key != "of" else "leave it out"
         yield Finding((*at, key), f"'{key}' has no meaning beside {kinds}", hint, "condition-keys")
-    if "target" in table and not any(kind in KEYS_OF_A_TARGET for kind in written):
-        of_others = any(kind in KEYS_OF_OTHERS for kind in written)
+    about_what = [conditions.KINDS[key].is_about for key in written]
+    if "target" in table and "target" not in about_what:
+        of_others = "others" in about_what
         hint = "write it inside each condition that is about another target" if of_others else "leave it out"
         yield Finding((*at, "target"), f"'target' has no meaning beside {kinds}", hint, "condition-keys")
 
@@ -349,15 +340,15 @@ def _inner_tables(at: KeyPath, table: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def _limits_of_one_form(at: KeyPath, table: Mapping[str, Any]) -> Iterator[Finding]:
-    written = [" and ".join(used) for group in _LIMITS if (used := [key for key in group if key in table])]
+    sides = [key for key in ("above", "below") if key in table]
+    written = [form for form in (" and ".join(sides), "between" if "between" in table else "") if form]
     if len(written) > 1:
         message = f"a condition cannot have {', '.join(written)} at once"
         yield Finding(at, message, _LIMITS_FORM, "condition-keys")
 
 
 def _any_limit(at: KeyPath, table: Mapping[str, Any]) -> Iterator[Finding]:
-    names = [key for group in _LIMITS for key in group]
-    if not any(key in table for key in names) and not any(did_you_mean(key, names) for key in table):
+    if not any(key in table for key in LIMITS) and not any(did_you_mean(key, LIMITS) for key in table):
         yield Finding(at, f"'{at[-1]}' has no limit", _LIMITS_FORM, "condition-keys")
 
 

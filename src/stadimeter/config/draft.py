@@ -25,7 +25,7 @@ from stadimeter.config.optional_tables import (
 from stadimeter.config.plugins import MAX_SEVERAL, DriverChoice, numbered
 from stadimeter.config.rules.action_tables import GAPS
 from stadimeter.config.rules.compiled import CompiledRule, SeveralNames, compile_rules
-from stadimeter.config.rules.memory_tables import FigureTable
+from stadimeter.config.rules.conditions import FigureTable
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.toml_source import UNREADABLE, Texts

@@ -9,7 +9,6 @@ from msgspec.structs import replace
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from stadimeter.config.models import DurationAboveZero, Section, Share
-from stadimeter.config.rules.schedule_tables import parse_date
 from stadimeter.config.units import Angle, Duration, FilePath, Frequency, Length, Speed, TimeOfDay
 from stadimeter.core.decision import RuleStatus
 from stadimeter.operator_actions import OperatorAction
@@ -34,6 +33,14 @@ class SpanTable(Section):
     def holds(self, at_s: float) -> bool:
         """Check whether a moment lies in it; its end does not."""
         return self.start <= at_s < self.end_s
+
+
+def _parse_date(text: object) -> object:
+    """Read a date such as ``"2026-12-24"``; raises ValueError for another text, and leaves what is no text."""
+    try:
+        return dt.date.fromisoformat(text) if isinstance(text, str) else text
+    except ValueError:
+        raise ValueError(f"{text!r} is no date; write it such as '2026-12-24'") from None
 
 
 def _as_list(value: Any) -> Any:
@@ -362,7 +369,7 @@ class InputTable(MotionTable):
     """The time of day at the start, in seconds after midnight; None for a clock that is not synchronised."""
     day: Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"] = "mon"
     """The day of the week at the start."""
-    date: Annotated[dt.date | None, BeforeValidator(parse_date)] = None
+    date: Annotated[dt.date | None, BeforeValidator(_parse_date)] = None
     """The date at the start, in place of the day of the week; None for one that is not known."""
     operator: list[OperatorTable] = Field(default_factory=list)
     """What people tell rules."""

@@ -25,7 +25,7 @@ from stadimeter.config.driver_tables import BASE, CAMERA, DRIVER_KINDS, DriverKi
 from stadimeter.config.landmark_tables import LandmarksTable
 from stadimeter.config.optional_tables import OPTIONAL_TABLES
 from stadimeter.config.rule_test_tables import RuleTestTable
-from stadimeter.config.rules.memory_tables import FigureTable
+from stadimeter.config.rules.conditions import FigureTable
 from stadimeter.config.rules.tables import GATED, RuleTable
 from stadimeter.errors import DriverError
 

@@ -268,8 +268,8 @@ def _limits_m(subject: Subject) -> Mapping[tuple[str, str], list[float]]:
     limits_m: dict[tuple[str, str], list[float]] = {}
     for _, alarm in subject.alarms:
         condition = alarm.condition
-        if isinstance(condition, DistanceCondition) and condition.above_m is None and condition.below_m is not None:
-            limits_m.setdefault((condition.target, condition.quantity), []).append(condition.below_m)
+        if isinstance(condition, DistanceCondition) and condition.above is None and condition.below is not None:
+            limits_m.setdefault((condition.target, condition.quantity), []).append(condition.below)
     return {which: sorted(each) for which, each in limits_m.items()}
 
 
@@ -280,12 +280,12 @@ def _late(
     limits_m: Mapping[tuple[str, str], list[float]],
 ) -> Iterator[Finding]:
     condition = alarm.condition
-    if not isinstance(condition, DistanceCondition) or condition.below_m is None or condition.above_m is not None:
+    if not isinstance(condition, DistanceCondition) or condition.below is None or condition.above is not None:
         return
     others_m = limits_m[condition.target, condition.quantity]
-    nearer = bisect_left(others_m, condition.below_m)
+    nearer = bisect_left(others_m, condition.below)
     next_m = others_m[nearer - 1] if nearer else 0.0
-    margin_m = condition.below_m - next_m
+    margin_m = condition.below - next_m
     waits_s = approach.waits_s(alarm)
     late_m = waits_s * approach.speed_mps
     if late_m <= margin_m:
@@ -293,17 +293,17 @@ def _late(
     until = f"the next limit, {next_m:g} m" if nearer else "contact"
     message = (
         f"at {approach.speed_mps:g} m/s this rule is {late_m:.2g} m late: it waits {_waits(approach, waits_s)}, and "
-        f"from {condition.below_m:g} m it is {margin_m:.2g} m to {until}"
+        f"from {condition.below:g} m it is {margin_m:.2g} m to {until}"
     )
     yield Finding(declared.at("on_delay"), message, _sooner(approach, margin_m, alarm), "late")
 
 
 def _missed(declared: CompiledRule, alarm: AlarmRule, approach: _Approach) -> Iterator[Finding]:
     condition = alarm.condition
-    if not isinstance(condition, DistanceCondition) or condition.below_m is None or condition.above_m is None:
+    if not isinstance(condition, DistanceCondition) or condition.below is None or condition.above is None:
         return
     waits_s = approach.waits_s(alarm)
-    width_m = condition.below_m - condition.above_m
+    width_m = condition.below - condition.above
     if not 0 < width_m < waits_s * approach.speed_mps:
         return
     message = (

@@ -21,8 +21,8 @@ from stadimeter.core.alarms.machine import AlarmRecord, AlarmState
 from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.alarms.state import Resumed, Timers
 from stadimeter.core.conditions.compounds import leaves
-from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.conditions.summary import RememberedFigure, Summary
 from stadimeter.core.decide import State
 from stadimeter.core.rule import AlarmRule, AnyRule, GatedRule, conditions_of, gate_of

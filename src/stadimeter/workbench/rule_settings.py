@@ -105,7 +105,11 @@ def _in_si(setting: RuleSetting, key: str, value: float | str) -> float:
 def _deadbands(alarm: AlarmRule, written: list[WrittenCondition]) -> Iterator[tuple[str, RuleSetting]]:
     """Yield the deadbands; those of several conditions begin with where the condition stands, as thresholds do."""
     parts = zip(named_leaves(alarm.condition), written, strict=True)
-    limits = [(within, leaf, each) for (within, leaf), each in parts if isinstance(leaf, LimitsCondition)]
+    limits = [
+        (within, leaf, each)
+        for (within, leaf), each in parts
+        if isinstance(leaf, LimitsCondition) and leaf.section not in {"still", "base"}  # which have none
+    ]
     for within, leaf, each in limits:
         inside = f"{leaf.section}." if leaf.section else ""
         where = f"{within if len(limits) > 1 else ''}{inside}"

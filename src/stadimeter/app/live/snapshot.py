@@ -125,7 +125,7 @@ def looked_at(record: CycleRecord) -> Mapping[str, Sequence[RejectedCandidate]]:
 
 def _limits_m(rule: AnyRule) -> tuple[float, ...]:
     match rule:
-        case AlarmRule(condition=DistanceCondition(above_m=above_m, below_m=below_m)):
+        case AlarmRule(condition=DistanceCondition(above=above_m, below=below_m)):
             return tuple(limit_m for limit_m in (above_m, below_m) if limit_m is not None)
         case RampRule(quantity="distance" | "depth"):
             return (rule.start,)

@@ -8,15 +8,15 @@ from itertools import combinations
 from typing import Any
 
 from stadimeter.config.analysis import Subject
-from stadimeter.config.analysis.overlap import Span, parts_of_all, range_of, span_of
+from stadimeter.config.analysis.overlap import parts_of_all, range_of, span_of
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
 from stadimeter.config.toml_lines import KeyPath
-from stadimeter.core.conditions.discrete import CountCondition
-from stadimeter.core.conditions.leaf import Leaf
+from stadimeter.core.conditions.leaf import Leaf, Span
 from stadimeter.core.conditions.limits import LimitsCondition, ends_of
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
+from stadimeter.core.conditions.sight import CountCondition
 from stadimeter.core.rule import AlarmRule, RampRule
 from stadimeter.core.words import short_figure
 

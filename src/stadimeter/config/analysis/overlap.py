@@ -9,79 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from msgspec import Struct
-
 from stadimeter.config.rules.compiled import WrittenCondition
 from stadimeter.core.conditions.compounds import AllOf, Condition
-from stadimeter.core.conditions.discrete import PresenceCondition
-from stadimeter.core.conditions.leaf import Leaf
-from stadimeter.core.conditions.limits import LimitsCondition
+from stadimeter.core.conditions.leaf import IN_SIGHT, Leaf, Span
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.rule import ALWAYS, AlarmRule, AnyRule, FollowRule, RampRule, gate_of
-
-IN_SIGHT = "in sight"
-
-
-class Span(Struct, frozen=True):
-    """A stretch where something holds. Ends do not count: no measurement is exactly at a threshold.
-
-    Attributes:
-        figure: Such as ``("distance", "ball")``. The figure ``("in sight", TARGET)`` is for how many seconds the
-            target has been in sight, and below zero for how many it has been lost.
-        low: In its unit.
-        sights: The targets that must be in sight.
-        deadband: How far each limit moves once it holds, standard deviations left out.
-    """
-
-    figure: tuple[str, ...]
-    low: float
-    high: float
-    sights: tuple[str, ...] = ()
-    deadband: float = 0.0
-
-    @property
-    def is_empty(self) -> bool:
-        """True if nothing is in it."""
-        return self.low >= self.high
-
-    def meets(self, other: Span) -> bool:
-        """Check whether both may hold at once."""
-        if self.figure == other.figure:
-            return max(self.low, other.low) < min(self.high, other.high)
-        return not (self._is_blind_to(other) or other._is_blind_to(self))
-
-    def covers(self, other: Span) -> bool:
-        """Check whether it holds wherever another one does: where they begin, and where they end."""
-        if self.figure[0] == IN_SIGHT and self.low == 0.0 and self.figure[1] in other.sights:
-            return True
-        is_wide = self.low <= other.low and self.high >= other.high
-        stays = self.low - self.deadband <= other.low - other.deadband
-        return self.figure == other.figure and is_wide and stays and (
-            self.high + self.deadband >= other.high + other.deadband
-        )  # fmt: skip
-
-    def _is_blind_to(self, other: Span) -> bool:
-        return self.figure[0] == IN_SIGHT and self.high <= 0 and self.figure[1] in other.sights
 
 
 def span_of(condition: Condition) -> Span | None:
     """Return where a simple condition holds; None for one of which nothing is said."""
-    if isinstance(condition, PresenceCondition):
-        limits = (condition.for_s, math.inf) if condition.seen else (-math.inf, -condition.for_s)
-        return Span((IN_SIGHT, condition.target), *limits)
-    if not isinstance(condition, Leaf) or not condition.has_figures:
-        return None
-    low, high = condition.limits
-    if isinstance(condition, FigureCondition) and condition.is_comparison and condition.target > condition.other:
-        low, high = -high, -low  # one figure for both directions
-    targets = tuple(sorted(condition.targets_named))
-    return Span(
-        (condition.noun, *targets),
-        low if condition.is_signed else max(low, 0.0),
-        high,
-        targets,
-        condition.deadband if isinstance(condition, LimitsCondition) else 0.0,
-    )
+    return condition.span if isinstance(condition, Leaf) else None
 
 
 def range_of(rule: AnyRule) -> Span | None:

@@ -10,7 +10,7 @@ from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.findings import Finding, did_you_mean
 from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.core.conditions.compounds import depends_on, targets_of
-from stadimeter.core.conditions.undelivered import UndeliveredCondition
+from stadimeter.core.conditions.of_rules import UndeliveredCondition
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import AlarmRule, FollowRule, LostPolicy, gate_of
 

@@ -14,8 +14,9 @@ from msgspec import Struct
 from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding, did_you_mean_or_list
 from stadimeter.config.models import ButtonTable
-from stadimeter.config.rules.condition_tables import KEYS_ABOUT_WHOM, KEYS_OF_COMPARISONS, KEYS_OF_GROUPS
+from stadimeter.config.rules.conditions import KEYS_ABOUT_WHOM, KEYS_OF_GROUPS
 from stadimeter.config.toml_lines import KeyPath
+from stadimeter.core.conditions.measured import COMPARISONS
 from stadimeter.core.rule import AlarmRule, gate_of
 from stadimeter.core.words import duration
 from stadimeter.operator_actions import OperatorAction
@@ -100,7 +101,7 @@ def _names(section: str, table: Mapping[str, Any]) -> Iterator[_Name]:
 
 
 def _named_in(path: KeyPath, table: Mapping[str, Any]) -> Iterator[_Name]:
-    for key in KEYS_OF_COMPARISONS:
+    for key in COMPARISONS:
         if isinstance(table.get(key), str):
             yield _Name("target", table[key], (*path, key))
     figure = table.get("figure")

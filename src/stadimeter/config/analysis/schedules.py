@@ -17,8 +17,8 @@ from stadimeter.config.rules.compiled import WrittenCondition
 from stadimeter.config.sun import HORIZON_DEG, sun_times_s
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.clock import DAY_S
-from stadimeter.core.conditions.discrete import ScheduleCondition
-from stadimeter.core.conditions.sequence import SequenceCondition
+from stadimeter.core.conditions.of_rules import SequenceCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
 from stadimeter.core.observation import MonthDay, WallTime
 from stadimeter.core.rule import ReportRule
 from stadimeter.core.words import time_of_day

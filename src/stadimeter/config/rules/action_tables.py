@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, mod
 
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.models import DurationAboveZero, Section, Share
-from stadimeter.config.rules.condition_tables import WhenTable
+from stadimeter.config.rules.conditions import WhenTable
 from stadimeter.config.units import Angle, AngleOrZero, Duration, Length, LengthOrZero, Speed, TurnRate
 from stadimeter.core import rule, templates
 from stadimeter.core.decision import Severity

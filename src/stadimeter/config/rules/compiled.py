@@ -12,15 +12,15 @@ from typing import Any, NamedTuple
 from msgspec import Struct
 from msgspec.structs import replace
 
-from stadimeter.config.rules.condition_tables import KEYS_OF_GROUPS, OfEach, kinds_in
-from stadimeter.config.rules.memory_tables import FigureTable
+from stadimeter.config.rules.conditions import KEYS_OF_GROUPS, FigureTable, OfEach, kinds_in
 from stadimeter.config.rules.tables import KINDS, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.toml_source import as_toml
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, about, leaves, targets_of, with_leaves
-from stadimeter.core.conditions.discrete import CountCondition, RuleCondition
 from stadimeter.core.conditions.leaf import Leaf
+from stadimeter.core.conditions.of_rules import RuleCondition
 from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.conditions.sight import CountCondition
 from stadimeter.core.rule import ALWAYS, AlarmRule, AnyRule, gate_of
 
 _MAX_LENGTH = 70

@@ -9,18 +9,13 @@ from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator,
 
 from stadimeter.config.models import DurationAboveZero, Section, Share
 from stadimeter.config.rules.action_tables import Factor, FollowTable, PatternTable, RuleCommon, StepTable
-from stadimeter.config.rules.condition_tables import WhenTable
-from stadimeter.config.rules.figure_tables import WrittenFigure, parse_figure
-from stadimeter.config.rules.memory_tables import Every, TimesOfDay
+from stadimeter.config.rules.conditions import Every, TimesOfDay, WhenTable
+from stadimeter.config.rules.limits import WrittenFigure, parse_figure
 from stadimeter.config.units import Duration
 from stadimeter.core import rule
 from stadimeter.core.conditions.compounds import Condition, leaves, targets_of
-from stadimeter.core.conditions.discrete import ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.of_base import ContactSensorCondition
 from stadimeter.core.conditions.quantities import QuantityName
-from stadimeter.core.conditions.remembered import RememberedCondition
-from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
 
 # The table of a ramp and of its points, and what the core has of it ---------------------------------
@@ -363,11 +358,7 @@ class RuleTable(Section):
             return rule.OnDelay(frames=self.on_delay.frames, of_frames=self.on_delay.of)
         if self.on_delay is not None:
             return rule.OnDelay(hold_s=self.on_delay)
-        without_noise = (ScheduleCondition, ContactSensorCondition, UndeliveredCondition, RememberedCondition)
-        is_sure = all(
-            leaf.probability_on is not None or leaf.rules_named or isinstance(leaf, without_noise)
-            for leaf in leaves(judged)
-        )
+        is_sure = all(leaf.probability_on is not None or not leaf.has_noise for leaf in leaves(judged))
         return rule.OnDelay() if is_sure or self.severity is Severity.SAFETY else FRAMES_TO_RAISE
 
     @property

@@ -17,7 +17,6 @@ from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState
 from stadimeter.core.alarms.settings import as_set, keep_thresholds
 from stadimeter.core.alarms.state import NO_INHIBITS, Sample, SetThreshold, is_too_frequent
 from stadimeter.core.conditions.compounds import judge, leaves
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition
 from stadimeter.core.conditions.evidence import describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
@@ -269,7 +268,7 @@ def _is_awaited(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs) -> boo
         began_s = max(inputs.now_s if track.since_s is None else track.since_s for track in inputs.tracks.values())
     if inputs.now_s - began_s + ROUNDING_S >= AWAITED_S:
         return False
-    return any(isinstance(leaf, PresenceCondition | CountCondition) for leaf in leaves(rule.condition))
+    return any(leaf.is_on_sight for leaf in leaves(rule.condition))
 
 
 def _step(before: AlarmStep, evaluation: Evaluation, bases: Container[str], holds: bool | None) -> AlarmStep:

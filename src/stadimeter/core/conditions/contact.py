@@ -219,14 +219,14 @@ class TimeToContactCondition(Leaf, Struct, frozen=True, kw_only=True):
 
     @property
     def begins(self) -> str:
-        """Where it will be, and how soon."""
+        """A clause on the place and the time."""
         where = f"{length(self.contact_m)} away" if self.contact_m else "here"
         slower = f"(if faster than {self.closing_min_mps:g} m/s)"
         return f"`{self.target}` will be {where} within {self.below_s:g} s {slower}"
 
     @property
     def ends(self) -> str:
-        """How much later contact must be."""
+        """A clause on the time that contact must be later by."""
         return f"contact is {back_words(self, self.deadband_s, self.deadband_sigmas)}"
 
     def value_words(self, reading: JudgedFigure) -> str:

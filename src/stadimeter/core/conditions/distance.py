@@ -11,7 +11,6 @@ from stadimeter.core.conditions.figures import Quantity, Uncertain, probability_
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, back_words
 from stadimeter.core.conditions.limits import (
     LimitsCondition,
-    ends_of,
     turning_point,
 )
 from stadimeter.core.words import metres
@@ -21,27 +20,26 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     """A condition that the target is nearer or further than a threshold.
 
     Attributes:
-        above_m: Holds when further than this; None for no such threshold.
-        below_m: Holds when nearer than this. With both, it holds between them.
+        above: Holds when further than this, in metres; None for no such threshold.
+        below: Holds when nearer than this. With both, it holds between them.
         quantity: Whether the thresholds are on the straight-line distance or on the depth along the optical axis.
-        deadband_m: How far the target must come back before the condition ends.
+        deadband: How far the target must come back before the condition ends, in metres.
         deadband_sigmas: The same in standard deviations of the noise; the larger of the two counts.
         probability_on: The condition begins when it is at least this likely; None compares the figures alone.
         probability_off: The condition ends when it is, deadband included, at most this likely.
         target: The target; empty for that of the rule.
     """
 
-    above_m: float | None = None
-    below_m: float | None = None
+    above: float | None = None
+    below: float | None = None
     quantity: Quantity = "distance"
-    deadband_m: float = 0.0
+    deadband: float = 0.0
     deadband_sigmas: float = 3.0
     probability_on: float | None = 0.7
     probability_off: float = 0.5
     target: str = ""
 
     unit = "m"
-    limit_fields = ("above_m", "below_m")
     sides = ("nearer than ", "further than ")
     bounds = (MIN_QUANTITY, MAX_LENGTH_M)
 
@@ -49,16 +47,6 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     def noun(self) -> str:
         """Distance or depth."""
         return self.quantity
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """In metres; infinite where there is none."""
-        return ends_of(self.above_m, self.below_m)
-
-    @property
-    def deadband(self) -> float:
-        """In metres."""
-        return self.deadband_m
 
     def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the distance or depth; see `LimitsCondition.uncertain`."""
@@ -74,7 +62,7 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
             return 0.0
         # Far from the threshold the scaling law says nothing useful, and the condition is clear anyway.
         ratio = min(max(limit_m / value_m, 0.5), 2.0) if value_m > 0 else 1.0
-        return max(self.deadband_m, self.deadband_sigmas * noise_m * ratio * ratio)
+        return max(self.deadband, self.deadband_sigmas * noise_m * ratio * ratio)
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
         """Check whether it holds; one between two thresholds also in the frame in which it was passed through."""
@@ -87,7 +75,7 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     def _is_near_or_far(self, value_m: float, sigma_m: float, noise_m: float, is_on: bool) -> bool:
         """Return the result of `is_within`, in half the time; most conditions are on a distance, with one threshold."""
-        above_m, below_m, likely_on = self.above_m, self.below_m, self.probability_on
+        above_m, below_m, likely_on = self.above, self.below, self.probability_on
         if likely_on is None or (above_m is not None and below_m is not None):
             return self.is_within(value_m, sigma_m, noise_m, is_on)
         if below_m is not None:
@@ -105,7 +93,7 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
         A distance does not jump: a target that was surely on one side, and now surely is on the other, was in between.
         """
-        if self.above_m is None or self.below_m is None:
+        if self.above is None or self.below is None:
             return None
         track = inputs.before.get(self.target)
         before = None if track is None else quantity_of(track, self.quantity)
@@ -161,7 +149,7 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def ends(self) -> str:
-        """Where the target must come back to."""
+        """A clause on the distance that the target must come back to."""
         return f"it is {back_words(self, self.deadband, self.deadband_sigmas)}"
 
     def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:

@@ -16,8 +16,10 @@ import math
 from collections.abc import Callable
 from typing import ClassVar
 
+from msgspec.structs import replace
+
 from stadimeter.core.conditions.figures import Uncertain, probability_between
-from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold, back_words
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Span, Threshold, back_words
 
 # Nothing is in doubt this many standard deviations from a threshold.
 FAR_SIGMAS = 12.0
@@ -34,10 +36,10 @@ class LimitsCondition(Leaf):
     target: str
     above: float | None
     below: float | None
+    deadband: float
+    """The amount the figure must come back at least, in the SI unit."""
     deadband_sigmas: float = 0.0
     """The deadband in standard deviations of the noise; that in the SI unit counts if it is larger."""
-    limit_fields: ClassVar[tuple[str, str]] = ("above", "below")
-    """The fields of the lower threshold and of the upper one."""
     bounds: ClassVar[tuple[float, float]]
     """The least and the largest value that a threshold may have."""
 
@@ -63,19 +65,19 @@ class LimitsCondition(Leaf):
 
         The lower end stays below the upper one, and alone above the deadband: else it could never end.
         """
-        (low, high), (least, most), (lower, upper) = self.limits, self.bounds, self.limit_fields
+        (low, high), (least, most) = self.limits, self.bounds
         inside = f"{self.section}." if self.section else ""
         if math.isinf(low) and math.isinf(high):
             return ()
         if math.isinf(low):
-            return (Threshold(f"{inside}below", upper, least, most),)
+            return (Threshold(f"{inside}below", "below", least, most),)
         if math.isinf(high):
             above_band = least if self.is_signed else math.nextafter(self.deadband, math.inf)
-            return (Threshold(f"{inside}above", lower, max(least, above_band), most),)
+            return (Threshold(f"{inside}above", "above", max(least, above_band), most),)
         near, far = ("near", "far") if self.unit == "m" else ("low", "high")
         return (
-            Threshold(f"{inside}between.{near}", lower, least, math.nextafter(high, -math.inf)),
-            Threshold(f"{inside}between.{far}", upper, math.nextafter(low, math.inf), most),
+            Threshold(f"{inside}between.{near}", "above", least, math.nextafter(high, -math.inf)),
+            Threshold(f"{inside}between.{far}", "below", math.nextafter(low, math.inf), most),
         )
 
     @property
@@ -83,18 +85,19 @@ class LimitsCondition(Leaf):
         """Its target."""
         return (self.target,)
 
-    @property
-    def deadband(self) -> float:
-        """The amount the figure must come back at least, in the SI unit."""
-        raise NotImplementedError
-
     def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the figure and how sure it is; None while there is no finite figure to act on."""
         raise NotImplementedError
 
     @property
+    def span(self) -> Span | None:
+        """The stretch of its figure; see `Leaf.span`."""
+        span: Span | None = Leaf.span.fget(self)  # type: ignore[attr-defined]
+        return span and replace(span, deadband=self.deadband)
+
+    @property
     def ends(self) -> str:
-        """Where the figure must come back to."""
+        """A clause on the figures that it must come back to."""
         return f"its {self.noun} is {back_words(self, self.deadband, self.deadband_sigmas)}"
 
     def deadband_at(self, noise: float) -> float:

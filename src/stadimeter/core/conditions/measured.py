@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.core.bounds import MAX_BY_UNIT, MIN_QUANTITY
 from stadimeter.core.conditions import quantities
 from stadimeter.core.conditions.figures import Uncertain
-from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold, back_words, closing_words
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Span, Threshold, back_words, closing_words
 from stadimeter.core.conditions.limits import LimitsCondition
 from stadimeter.core.tracking.transverse import AskedMotion
 from stadimeter.core.words import duration, figure_in_words, length, metres, uncertain_figure
@@ -118,6 +119,14 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         return self.target, self.quantity, self.other, self.within_m
 
     @property
+    def span(self) -> Span | None:
+        """The stretch of its figure, of a comparison for both orders of the targets; see `Leaf.span`."""
+        span: Span | None = LimitsCondition.span.fget(self)  # type: ignore[attr-defined]
+        if span is None or not self.is_comparison or self.target <= self.other:
+            return span
+        return replace(span, low=-span.high, high=-span.low)
+
+    @property
     def _is_apart(self) -> bool:
         return self.quantity == quantities.OF_TWO
 
@@ -128,7 +137,7 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def doubt(self) -> str:  # type: ignore[override]
-        """How sure directions are is not known where they are compared as they are."""
+        """The doubt about directions, which are compared as they are."""
         if self._is_apart:
             return "; how sure the directions are is not known, and not counted"
         is_direction = self.noun in {"bearing", "elevation"}
@@ -152,7 +161,7 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def ends(self) -> str:
-        """Where the figure must come back to; standing still ends with any motion."""
+        """A clause on the figures that it must come back to; standing still ends with any motion."""
         if self.quantity == "still":
             return "it has moved"
         if self._is_apart:

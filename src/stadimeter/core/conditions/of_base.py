@@ -8,7 +8,9 @@ from typing import Literal
 from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_VOLTAGE_V
-from stadimeter.core.conditions.leaf import ANSWERS, JudgedFigure, Leaf, RuleInputs, Threshold
+from stadimeter.core.conditions.figures import Uncertain
+from stadimeter.core.conditions.leaf import ANSWERS, Leaf, RuleInputs, Threshold
+from stadimeter.core.conditions.limits import LimitsCondition
 
 # A motor that starts pulls the voltage of its battery down, and lets it go again: some tenths of a volt with small
 # motors. Without this an alarm would come and go with each start.
@@ -21,6 +23,7 @@ class ContactSensorCondition(Leaf, Struct, frozen=True, kw_only=True):
     sensor: Literal["is_bumped", "is_at_cliff"]
 
     is_by_cycle = True
+    has_noise = False
 
     @property
     def noun(self) -> str:
@@ -38,7 +41,7 @@ class ContactSensorCondition(Leaf, Struct, frozen=True, kw_only=True):
 
     @property
     def begins(self) -> str:
-        """What the sensor tells."""
+        """A clause on what the sensor tells."""
         is_bumper = self.sensor == "is_bumped"
         return "the bumper of the base is pressed" if is_bumper else "there is no floor below the base"
 
@@ -47,38 +50,26 @@ class ContactSensorCondition(Leaf, Struct, frozen=True, kw_only=True):
         return f"{self.begins}: {ANSWERS[self.holds(inputs, is_on)]}"
 
 
-class BatteryCondition(Leaf, Struct, frozen=True, kw_only=True):
-    """The voltage of the base's battery is below a threshold."""
+class BatteryCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
+    """The voltage of the base's battery is below a threshold, in volts. Unknown for a base that does not report it."""
 
-    below_v: float
+    below: float
 
+    above = None
+    deadband = BATTERY_DEADBAND_V
     noun = "battery voltage"
     unit = "V"
     is_by_cycle = True
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """In volts; there is no lower one."""
-        return -math.inf, self.below_v
+    has_figures = False
+    section = "base"
+    targets_named = ()
 
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
         """The voltage."""
-        return (Threshold("base.battery_below", "below_v", 0.0, MAX_VOLTAGE_V),)
+        return (Threshold("base.battery_below", "below", 0.0, MAX_VOLTAGE_V),)
 
-    def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
-        """Check whether it holds; None while the voltage is not known."""
-        battery_v = _battery_v(inputs)
-        return None if battery_v is None else battery_v < self._threshold_v(is_on)
-
-    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:
-        """Return the voltage and the threshold; None while it is not known."""
-        battery_v = _battery_v(inputs)
-        return None if battery_v is None else JudgedFigure(value=battery_v, high=self._threshold_v(is_on))
-
-    def _threshold_v(self, is_on: bool) -> float:
-        return self.below_v + (BATTERY_DEADBAND_V if is_on else 0.0)
-
-
-def _battery_v(inputs: RuleInputs) -> float | None:
-    return None if inputs.base is None else inputs.base.battery_v
+    def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
+        """Return the voltage, its standard deviation, which is not known, as 0; see `LimitsCondition.uncertain`."""
+        battery_v = None if inputs.base is None else inputs.base.battery_v
+        return None if battery_v is None else (battery_v, 0.0, 0.0)

@@ -41,7 +41,7 @@ class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     deadband: float = 0.0
 
     is_by_cycle = True
-    has_figures = False
+    has_figures = has_noise = False
     section = "figure"
     probability_on = None  # how sure a remembered figure is, is not known
     bounds = (-MAX_SPEED_MPS, MAX_SPEED_MPS)
@@ -104,7 +104,7 @@ class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     @property
     def ends(self) -> str:
-        """Where the figure must come back to."""
+        """A clause on the figures that it must come back to."""
         return f"{self.subject} {back_words(self, self.deadband, self.deadband_sigmas)}"
 
     def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:

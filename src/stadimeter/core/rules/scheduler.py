@@ -23,8 +23,8 @@ from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.alarms.state import Sample
 from stadimeter.core.conditions.compounds import depends_on, judged_by_cycle, leaves
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.of_rules import SequenceCondition
 from stadimeter.core.conditions.quantities import motion_of
-from stadimeter.core.conditions.sequence import SequenceCondition
 from stadimeter.core.decision import Event, EventKind, Notice, RuleTrace
 from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.plan import BaseOutput, Output, Plan

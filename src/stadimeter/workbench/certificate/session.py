@@ -114,7 +114,7 @@ class SiteSession:
 
     def propose_m(self) -> list[float]:
         """Return distances for the tape, from near to the farthest that a rule uses; those that are done left out."""
-        ends_m = [limit_m + (leaf.deadband_m if leaf else 0.0) for _, _, limit_m, leaf in self.site.distances()]
+        ends_m = [limit_m + (leaf.deadband if leaf else 0.0) for _, _, limit_m, leaf in self.site.distances()]
         near_m = self._near_m(NEAREST_M)
         far_m = min(MAX_TAPE_M, max(2 * near_m, *ends_m, 0.0 if ends_m else USUAL_FARTHEST_M))
         steps = (near_m * (far_m / near_m) ** (number / (PROPOSED - 1)) for number in range(PROPOSED))

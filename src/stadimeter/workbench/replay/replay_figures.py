@@ -75,8 +75,8 @@ def _smooth(at_s: Values, distances_m: Values) -> Values:
 
 def _margins_m(distances_m: Values, condition: DistanceCondition) -> Values:
     """Return by how much the condition holds at each moment; below 0 it does not."""
-    below_m = np.inf if condition.below_m is None else condition.below_m
-    above_m = -np.inf if condition.above_m is None else condition.above_m
+    below_m = np.inf if condition.below is None else condition.below
+    above_m = -np.inf if condition.above is None else condition.above
     margins: Values = np.minimum(below_m - distances_m, distances_m - above_m)
     return margins
 

@@ -19,7 +19,7 @@ from msgspec.structs import replace
 
 from stadimeter.config.loader import Configuration
 from stadimeter.core.conditions.compounds import leaves
-from stadimeter.core.conditions.discrete import CountCondition
+from stadimeter.core.conditions.sight import CountCondition
 from stadimeter.core.decide import JudgedBy, State, decide, initial_state, judged_by
 from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.rule import AlarmRule, FollowRule, conditions_of

@@ -23,7 +23,7 @@ from stadimeter.app.clock import SteppedClock, wall_time
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice, DriverContext, Shared
 from stadimeter.config.rule_test_tables import InputTable, MotionTable, OperatorTable, PathPoint, SpanTable
-from stadimeter.config.rules.schedule_tables import DAYS
+from stadimeter.config.rules.conditions import DAYS
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.detection import TargetShape

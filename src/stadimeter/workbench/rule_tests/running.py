@@ -218,7 +218,7 @@ class _RuleWatches(Struct, frozen=True):
         if within_s is not None:
             if not (isinstance(self.rule, AlarmRule) and isinstance(self.rule.condition, DistanceCondition)):
                 raise TypeError(f"the rule {self.rule.name} has no limit on the distance alone")  # checked before
-            bounds = (self.rule.condition.above_m, self.rule.condition.below_m)
+            bounds = (self.rule.condition.above, self.rule.condition.below)
             limits = " and ".join(f"{each:.2f} m" for each in bounds if each)
             truth = _Truth(self.rule.condition, self.path)
             is_raised = kind is EventKind.RAISED

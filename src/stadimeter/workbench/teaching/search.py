@@ -176,10 +176,9 @@ class SettingSearch(Struct, kw_only=True):
         condition = rule.condition
         if not isinstance(condition, SoughtCondition):
             raise TypeError(f"the rule {rule.name} has no limit on one figure")  # checked before
-        name = "deadband_m" if isinstance(condition, DistanceCondition) else "deadband"
         band = values.get(self._band_key, condition.deadband)
         sigmas = values.get(self._sigmas_key, condition.deadband_sigmas)
-        return rule, replace(condition, **{name: band, "deadband_sigmas": sigmas})
+        return rule, replace(condition, deadband=band, deadband_sigmas=sigmas)
 
     def _place(self, key: str, value: float) -> float:
         """Return where a value is on the scale on which changes are compared: that of ratios."""
@@ -201,7 +200,7 @@ class SettingSearch(Struct, kw_only=True):
         return [own, 0.0, *(max(0.0, each) for each in found)]
 
     def _crossings(self, key: str) -> set[float]:
-        side = 1.0 if thresholds_of(self.rule)[key].place.field == self.condition.limit_fields[1] else -1.0
+        side = 1.0 if thresholds_of(self.rule)[key].place.field == "below" else -1.0
         found: set[float] = set()
         for each in self.taught:
             crossed = each.signal.crossed_at(self.condition, side)

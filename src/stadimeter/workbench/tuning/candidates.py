@@ -80,7 +80,7 @@ class Tuned(Struct, frozen=True, kw_only=True):
             self.condition,
             probability_on=on,
             probability_off=0.5 if on is None else on,
-            deadband_m=0.0,
+            deadband=0.0,
             deadband_sigmas=0.0,
         )
         return self._alarm(name, condition, settings.on_delay, off_delay_s=0.0)
@@ -142,7 +142,7 @@ def rule_to_tune(configuration: Configuration, name: str, typical_m: float | Non
 
 
 def _limit(condition: DistanceCondition, typical_m: float | None) -> tuple[float, int]:
-    limits = [(condition.below_m, 1), (condition.above_m, -1)]
+    limits = [(condition.below, 1), (condition.above, -1)]
     there = [(threshold_m, side) for threshold_m, side in limits if threshold_m is not None]
     return min(there, key=lambda each: 0.0 if typical_m is None else abs(math.log(each[0] / typical_m)))
 
