@@ -1,4 +1,4 @@
-"""What a run publishes: pure functions from a record to its messages, and when the next one is due.
+"""The messages of a run: pure functions from a record to its messages, and when the next one is due.
 
 The topics, and how often each is published, are `stadimeter.core.message.OWN_TOPICS`; `docs/mqtt.md` shows every form.
 """

@@ -182,7 +182,7 @@ class RuleTrace(Struct, frozen=True, kw_only=True):
 
     @property
     def active_or_unknown(self) -> bool | None:
-        """Whether it is active; None also where its policy for a lost target has let it go."""
+        """True while it is active; None also where its policy for a lost target has let it go."""
         return self.active or (None if self.status is RuleStatus.UNKNOWN else self.active)
 
 

@@ -61,7 +61,7 @@ class FiringMark(Struct, frozen=True, kw_only=True):
         return self.touches(firing) if self.is_moment else self.from_s <= firing[0] <= self.to_s
 
     def off(self, firing: Firing) -> float:
-        """Return how far from the middle of a span an alarm was raised, as a share of half of it; 0 for a moment."""
+        """Return the distance of an alarm from the middle of a span, as a share of half of it; 0 for a moment."""
         return 0.0 if self.is_moment else abs(2 * firing[0] - self.from_s - self.to_s) / (self.to_s - self.from_s)
 
 
