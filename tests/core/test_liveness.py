@@ -4,9 +4,8 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.core.command import TwistCommand
-from stadimeter.core.frame import FlowSince, PictureFlow
 from stadimeter.core.liveness import LivenessState, step_liveness
-from stadimeter.core.observation import FrameStamp, Observation
+from stadimeter.core.observation import FlowSince, FrameStamp, Observation, PictureFlow
 
 CYCLE_S = 1 / 30
 

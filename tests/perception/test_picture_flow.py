@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.frame import Frame, Image, PictureFlow
+from stadimeter.core.frame import Frame, Image
+from stadimeter.core.observation import PictureFlow
 from stadimeter.perception.picture_flow import MIN_BLOCKS, REMEMBERED_MAX, REMEMBERED_S, FlowMeter
 from stadimeter.simulation.camera import Renderer
 from support.changed_pictures import Change, as_jpeg, brightness, clock, noise, shift

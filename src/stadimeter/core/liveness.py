@@ -30,9 +30,8 @@ from msgspec.structs import replace
 from stadimeter.core.command import TwistCommand
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.ego_motion import EgoMotion
-from stadimeter.core.frame import FlowSince, PictureFlow
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.core.observation import Observation
+from stadimeter.core.observation import FlowSince, Observation, PictureFlow
 
 # A test of normalised innovation, whether a target appears where it must, given how the robot has turned and
 # driven.

@@ -31,7 +31,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.frame import FlowSince, Frame, Image, PictureFlow
+from stadimeter.core.frame import Frame, Image
+from stadimeter.core.observation import FlowSince, PictureFlow
 
 Plane = NDArray[np.float32]
 
