@@ -35,10 +35,11 @@ REFUSED_OF_A_KIND = 3
 KEPT_STAGE = 16
 
 # Least evidence of what is taken for the sheet, and that beyond which no other one is looked for; and least evidence of
-# what is perhaps the sheet, where nothing else is as likely.
+# what is perhaps the sheet, where nothing else is as likely: of what looks like paper, and of what does not, such as a
+# letter on a page.
 MIN_EVIDENCE = 1.5
 SURE_EVIDENCE = 2.5
-MIN_PERHAPS = -1.5
+MIN_PERHAPS, MIN_PERHAPS_OTHER = -1.5, -0.7
 
 # A candidate with less evidence than another by RIVAL_EVIDENCE is not the sheet, unless it is beyond doubt itself. Two
 # that may be it contradict each other if the logarithms of their sizes differ by more than RIVAL_LOG_SIZE, plus
@@ -163,7 +164,8 @@ class Findings(Struct, kw_only=True):
         most, most_of_papers = (max((c.evidence for c in every), default=-math.inf) for every in (self.kept, papers))
         is_paper = most_of_papers >= min(most - RIVAL_EVIDENCE, MIN_EVIDENCE)
         most, every = (most_of_papers, papers) if is_paper else (most, self.kept)
-        likely = [each for each in every if each.evidence >= max(most - RIVAL_EVIDENCE, MIN_PERHAPS)]
+        least = max(most - RIVAL_EVIDENCE, MIN_PERHAPS if is_paper else MIN_PERHAPS_OTHER)
+        likely = [each for each in every if each.evidence >= least]
         self.likely = sorted(likely, key=lambda each: -each.score)
 
     def sift(self, stage: int, corners: Points, good: Flags, test: Test, likely: Values | None = None) -> Flags:
