@@ -268,7 +268,7 @@ def test_a_rectangle_of_another_shape_is_not_the_sheet_once_the_lens_is_known(dr
     picture = draw.frame(draw.noise(draw.polygon(wall(), square, PAPER)))
     found = with_camera(width="11 in", height="8.5 in").detect(picture)
     assert found.status is DetectionStatus.NOT_FOUND
-    assert re.search(r"corners (about )?\d+\.\d+ px from those of the sheet, limit \d+\.\d+ px", found.reason)
+    assert re.search(r"sides 1\.\d+ : 1, not 1\.29 : 1; about 279 x 2\d\d mm would fit$", found.reason)
     (refused,) = found.rejected[:1]
     assert math.dist(refused.centre_px, square.mean(axis=0)) < 3
     assert refused.size_px == pytest.approx(162, abs=20)
@@ -310,6 +310,15 @@ def test_letter_in_place_of_a4_is_said_before_the_lens_is_known() -> None:
     """So `calibrate distance` says it, which would else write a camera file from it in silence."""
     found = with_camera(None, size="A4").detect(Frame(LETTER_ON_A_WALL.image, 0.0, 0))
     assert found.reason.endswith("sides 1.29 : 1, not 1.41 : 1: letter instead of A4?")
+
+
+def test_a_page_of_another_size_is_named_before_what_is_written_on_it(draw, wall) -> None:
+    page = draw.polygon(wall(), [(80.0, 120.0), (560.0, 120.0), (560.0, 360.0), (80.0, 360.0)], PAPER)
+    letter = draw.polygon(page, [(300.0, 200.0), (320.0, 200.0), (318.0, 260.0), (300.0, 230.0)], (20, 20, 20))
+    found = with_camera(size="A4").detect(draw.frame(letter))
+    assert found.status is DetectionStatus.NOT_FOUND
+    assert found.rejected[0].size_px == pytest.approx(480, abs=2)
+    assert found.reason.endswith("is refused: sides 2.00 : 1, not 1.41 : 1; about 297 x 148 mm would fit")
 
 
 def test_the_right_paper_has_no_remark() -> None:

@@ -1,8 +1,7 @@
 """The sheet detector: a flat rectangle of known size, its four corners to a few hundredths of a pixel.
 
-Outlines are proposed in `quadrilaterals`, judged in `search` by `evidence`, and their corners refined in `one_outline`
-(`measure_outline`); `edges` refines many at once, and those that are partly hidden. While a sheet is tracked, `follow`
-refines the corners that are expected, without a search.
+Outlines are proposed in `quadrilaterals`, judged in `search` by `evidence`, and their corners refined in `edges`. While
+a sheet is tracked, `follow` refines the corners that are expected, without a search.
 """
 
 from __future__ import annotations

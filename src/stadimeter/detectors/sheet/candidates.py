@@ -109,6 +109,8 @@ class Findings(Struct, kw_only=True):
     # The largest outline that could be one and is cut off by the border, if there is no whole one.
     cut_off: SheetCandidate | None = None
     refused: list[RefusedCandidate] = field(default_factory=list)
+    # The largest outlines of another shape, each ``(4, 2)``.
+    misfits: list[Points] = field(default_factory=list)
 
     # Of these, what may be the sheet, the likeliest first.
     likely: list[SheetCandidate] = field(default_factory=list)
@@ -187,6 +189,13 @@ class Findings(Struct, kw_only=True):
                     RefusedCandidate(rank, stage, (x_px, y_px), size_px, corners[number], partial(why, number))
                 )
         return good & passed
+
+    def refuse_first(self, corners_px: Points, why: str) -> None:
+        """Note an outline that is refused as the first of those that are reported."""
+        sizes_px, (x_px, y_px) = longest_sides_px(corners_px[None]), corners_px.mean(axis=0).tolist()
+        first = max((each.rank for each in self.refused), default=0.0) + KEPT_STAGE
+        refused = RefusedCandidate(first, KEPT_STAGE, (x_px, y_px), float(sizes_px[0]), corners_px, lambda: why)
+        self.refused.append(refused)
 
     def largest_refused_px(self, stage: int) -> float:
         """Return the size of the largest candidate that was refused at a stage or later; 0 if none was."""

@@ -32,7 +32,14 @@ from stadimeter.detectors.sheet.candidates import (
     SheetOutlines,
     Test,
 )
-from stadimeter.detectors.sheet.edges import QuadEdges, SheetPicture, measure_cut_off, measure_each
+from stadimeter.detectors.sheet.edges import (
+    SUPPORTED,
+    QuadEdges,
+    SheetPicture,
+    measure_cut_off,
+    measure_each,
+    measure_outline,
+)
 from stadimeter.detectors.sheet.evidence import CUT_PX, Looks, shape_evidence, sides_evidence, slack_share
 from stadimeter.detectors.sheet.outlines import MAX_LOG_RATIO, cut_off_evidence, facing_evidence, ratio_evidence
 from stadimeter.detectors.sheet.quadrilaterals import (
@@ -50,6 +57,7 @@ from stadimeter.detectors.sheet.side_tests import (
     MIN_CUT_SUPPORT,
     even_limits,
     other_paper,
+    other_shape,
     side_tests,
     small_text,
 )
@@ -84,6 +92,9 @@ START_OFF_PX = 1.0
 
 # Candidates that passed this many tests had their sides measured.
 SERIOUS_STAGE = 2
+
+# Outlines of another shape, of each kind of masks, of which one may be a page of another size: the largest ones.
+PAGES_LOOKED_AT = 3
 
 # Outlines on the border that are looked at, the largest first.
 MAX_CUT_OFF = 64
@@ -185,6 +196,8 @@ class SheetSearch:
                 break
         if not findings.is_sure:
             self._judge_cut_off(findings, outlines, on_border, scale, looks)
+        if findings.best is None and findings.cut_off is None and expected is None:
+            self._note_page(findings, scale)
         return findings
 
     def _first_masks(self, picture: SearchedPicture) -> Iterator[Mask]:
@@ -255,7 +268,23 @@ class SheetSearch:
             return text + self._other_text(outlines[i])
 
         every, likely = np.ones(len(outlines), np.bool_), 2 * limits / np.maximum(misfit_px, limits)
+        findings.misfits += list(outlines[misfit_px >= limits][:PAGES_LOOKED_AT])
         return outlines[findings.sift(1, outlines, every, (misfit_px < limits, why), likely)]
+
+    def _note_page(self, findings: Findings, scale: float) -> None:
+        """Note the largest outline whose sides stand out, where it is a page of another size than the sheet's."""
+        sizes_px = [float(longest_sides_px(each[None])[0]) for each in findings.misfits]
+        largest_px = findings.largest_refused_px(SERIOUS_STAGE)
+        for number in sorted(range(len(sizes_px)), key=lambda number: -sizes_px[number]):
+            if sizes_px[number] < largest_px or not self._is_strict:
+                return
+            sides = measure_outline(self._picture, findings.misfits[number], START_OFF_PX / scale)
+            if sides is None or sides.support.min() < SUPPORTED or sides.colour_contrast.min() < MIN_CONTRAST:
+                continue
+            other = other_shape(sides.corners_px, self._size, self._lens)
+            if other:
+                findings.refuse_first(sides.corners_px, other)
+                return
 
     def _misfit_limits(self, edges: QuadEdges) -> Values:
         slack_px = self._slack * longest_sides_px(edges.corners_px)
