@@ -9,8 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.detectors.sampling import light_table
-from stadimeter.detectors.sheet.edges import SheetPicture, measure_edges, settle_edges
-from stadimeter.detectors.sheet.one_outline import SUPPORTED, measure_each, settle_each
+from stadimeter.detectors.sheet.edges import (
+    SUPPORTED,
+    OutlineSides,
+    SheetPicture,
+    measure_cut_off,
+    measure_each,
+    measure_outline,
+)
 from stadimeter.detectors.sheet.quadrilaterals import (
     SearchedPicture,
     find_quadrilaterals,
@@ -30,31 +36,49 @@ SEEN = SheetPicture(MADE.image, LIGHT, None)
 CORNERS = MADE.truth.outline_px
 
 
+def measured(corners_px: np.ndarray, sigma_px: float, picture: SheetPicture = SEEN) -> OutlineSides:
+    """Return the sides about there, which must be there."""
+    sides = measure_outline(picture, corners_px, sigma_px)
+    assert sides is not None
+    return sides
+
+
 @pytest.mark.long
 @given(st.lists(st.floats(-2.0, 2.0), min_size=8, max_size=8))
 def test_the_corners_do_not_depend_on_where_the_search_starts(moves: list[float]) -> None:
     start = CORNERS + np.array(moves).reshape(4, 2)
-    edges = settle_edges(SEEN, measure_edges(SEEN, start[None], 6.0))
-    exact = settle_edges(SEEN, measure_edges(SEEN, CORNERS[None], 6.0))
-    assert np.abs(edges.corners_px - exact.corners_px).max() < 0.02
-    assert np.abs(edges.corners_px[0] - CORNERS).max() < 0.15
+    sides, exact = measured(start, 2.0), measured(CORNERS, 2.0)
+    assert np.abs(sides.corners_px - exact.corners_px).max() < 0.02
+    assert np.abs(sides.corners_px - CORNERS).max() < 0.15
 
 
-def test_many_outlines_at_once_give_what_each_gives_alone() -> None:
-    starts = np.stack((CORNERS, CORNERS + 1.0, CORNERS * 0.9 + 20))
-    together = measure_edges(SEEN, starts, 6.0)
-    for number, start in enumerate(starts):
-        alone = measure_edges(SEEN, start[None], 6.0)
-        assert together.corners_px[number] == pytest.approx(alone.corners_px[0], nan_ok=True)
-        assert together.support[number] == pytest.approx(alone.support[0])
+def test_outlines_that_settle_on_the_same_sides_are_one_and_what_has_no_sides_is_none() -> None:
+    edges = measure_each(SEEN, np.stack((CORNERS, CORNERS + 1.0, np.zeros((4, 2)))), 1.0)
+    assert edges is not None
+    assert len(edges.corners_px) == 1
+    assert measure_each(SEEN, np.zeros((1, 4, 2)), 1.0) is None
 
 
 def test_a_bright_sheet_stands_out_with_one_sign_on_all_sides_and_nothing_does_not() -> None:
-    edges = measure_edges(SEEN, CORNERS[None], 6.0)
-    assert (edges.contrast > 50).all()
-    assert (edges.support > 0.9).all()
-    away = measure_edges(SheetPicture(np.full_like(MADE.image, 90), LIGHT, None), CORNERS[None], 6.0)
+    sides = measured(CORNERS, 1.0)
+    assert (sides.contrast > 50).all()
+    assert (sides.support > 0.9).all()
+    away = measured(CORNERS, 1.0, SheetPicture(np.full_like(MADE.image, 90), LIGHT, None))
     assert (away.support == 0).all()
+
+
+def test_of_a_sheet_that_the_border_cuts_the_free_side_stays_where_it_is() -> None:
+    cut = int(CORNERS[:, 0].mean())
+    corners = CORNERS.copy()
+    for near, far in ((1, 0), (2, 3)):  # the right side is where the border cuts
+        share = (cut - 1 - CORNERS[far, 0]) / (CORNERS[near, 0] - CORNERS[far, 0])
+        corners[near] = CORNERS[far] + share * (CORNERS[near] - CORNERS[far])
+    free = np.array((False, True, False, False))
+    sides = measure_cut_off(SheetPicture(MADE.image[:, :cut].copy(), LIGHT, None), corners + 0.5, 6.0, free)
+    assert sides is not None
+    assert sides.support[~free].min() > 0.9
+    assert np.abs(sides.corners_px[[0, 3]] - CORNERS[[0, 3]]).max() < 0.2
+    assert np.abs(sides.corners_px[[1, 2], 0] - corners[[1, 2], 0]).max() < 1.5
 
 
 @pytest.mark.parametrize("masks", [quick_masks, pale_masks, other_masks])
@@ -74,16 +98,22 @@ def test_something_that_touches_the_sheet_does_not_hide_its_outline() -> None:
     assert np.abs(outlines - wanted).max(axis=(1, 2)).min() < 2
 
 
-def test_a_side_half_hidden_is_left_to_the_more_thorough_search() -> None:
+def test_a_side_half_hidden_is_measured_by_what_is_seen_of_it() -> None:
     middle = CORNERS[:2].mean(axis=0)
     left, right = np.add(middle, (-17, -12)), np.add(middle, (17, -12))
     finger = np.array((left, right, CORNERS.mean(axis=0)))
     image = np.asarray(cv2.fillPoly(MADE.image.copy(), [np.rint(finger).astype(np.int32)], (20, 60, 200)))
     hidden = SheetPicture(image, LIGHT, None)
-    assert measure_each(hidden, CORNERS[None], 1.0) == [None]
-    settled = settle_each(hidden, measure_edges(hidden, CORNERS[None], 6.0))
-    assert np.abs(settled.corners_px[0] - CORNERS).max() < 0.2
-    assert settled.support.min() < SUPPORTED
+    sides = measured(CORNERS, 1.0, hidden)
+    assert np.abs(sides.corners_px - CORNERS).max() < 0.2
+    assert sides.support.min() < SUPPORTED
+
+
+def test_a_sheet_with_a_corner_beyond_the_border_is_measured_by_the_rest() -> None:
+    cut = int(CORNERS[:, 0].max() - 0.2 * np.ptp(CORNERS[:, 0]))
+    sides = measured(CORNERS, 2.0, SheetPicture(MADE.image[:, :cut].copy(), LIGHT, None))
+    seen = CORNERS[:, 0] < cut
+    assert np.abs(sides.corners_px[seen] - CORNERS[seen]).max() < 0.3
 
 
 def test_an_outline_counts_as_seen_before_to_a_pixel() -> None:

@@ -1,8 +1,7 @@
 """Outlines of four corners: their shapes, their sides as lines, and what the edge engines of sheet and tag share.
 
-There are three engines. `stadimeter.detectors.sheet.edges` measures many candidates at once, in arrays;
-`stadimeter.detectors.sheet.one_outline` and `stadimeter.detectors.tag.sides` measure one, with plain numbers for what
-is one number a side: merged with the first, tags took 6 to 7 times as long.
+There are two engines, `stadimeter.detectors.sheet.edges` and `stadimeter.detectors.tag.sides`. Both measure one outline
+at a time, with plain numbers for what is one number a side: in arrays of many outlines tags took 6 to 7 times as long.
 
 Pixel coordinates have (0, 0) at the centre of the top left pixel, x to the right and y down. Corners come clockwise on
 the screen, and side i leads from corner i to corner i + 1.
@@ -77,24 +76,30 @@ class SideFrame(NamedTuple):
 def side_frame(
     sides: list[SideLine],
     steps: int,
-    width_px: int,
+    shape: tuple[int, ...],
     bend: Callable[[Values], Values] | None = None,
-    keep_room: Callable[[Values], Values] | None = None,
+    reach: int | None = None,
 ) -> SideFrame:
-    """Return where steps are looked for along sides, in a picture of this width.
+    """Return where steps are looked for along sides, in a picture of this height and width.
 
     Args:
         bend: How far across the lens bends the sides at places along them; None for not at all.
-        keep_room: Moves pixels across that are too near to the border; None where none are.
+        reach: Moves pixels in from the border that have less room across than this; None where all have.
     """
-    rows = [(s.start, s.forward, s.slope, s.at_zero, s.cosine, s.outward, *s.strides(width_px)) for s in sides]
+    rows = [(s.start, s.forward, s.slope, s.at_zero, s.cosine, s.outward, *s.strides(shape[1])) for s in sides]
     start, forward, slope, at_zero, cosine, outward, next_along, next_across = np.array(rows).T[:, :, None]
     along = np.rint(start + step_shares(steps) * forward)
+    if reach is not None:
+        # Across is y for flat sides, so they may go down to the last row, and the others to the last column.
+        last = np.array([shape[:2] if side.flat else shape[1::-1] for side in sides]) - 1
+        along = np.minimum(np.maximum(along, 0), last[:, 1:])
     across = along * slope + at_zero
     if bend is not None:
         across += bend(along)
     # A profile is read around the nearest pixel; the rest, at most half a pixel, is added to what is found in it.
-    pixel = np.rint(across) if keep_room is None else keep_room(np.rint(across))
+    pixel = np.rint(across)
+    if reach is not None:
+        pixel = np.minimum(np.maximum(pixel, reach), last[:, :1] - reach)
     middle = (along[:, :1] + along[:, -1:]) / 2
     return SideFrame(
         sides=sides,

@@ -1,8 +1,7 @@
 """The sheet detector: a flat rectangle of known size, its four corners to a few hundredths of a pixel.
 
-Outlines are proposed in `quadrilaterals`, judged in `search` by `evidence`, and their corners refined in `one_outline`
-(`measure_outline`); `edges` refines many at once, and those that are partly hidden. While a sheet is tracked, `follow`
-refines the corners that are expected, without a search.
+Outlines are proposed in `quadrilaterals`, judged in `search` by `evidence`, and their corners refined in `edges`. While
+a sheet is tracked, `follow` refines the corners that are expected, without a search.
 """
 
 from __future__ import annotations
@@ -22,11 +21,10 @@ from stadimeter.core.detection import Detection, DetectionStatus, Points, Predic
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText
 from stadimeter.detectors.protocol import ONE_OF_A_KIND, Exercise, Remedy, SetupKind, check_image, size_question
-from stadimeter.detectors.sampling import Region
+from stadimeter.detectors.sampling import Region, touches_border
 from stadimeter.detectors.sheet.candidates import Findings, SheetCandidate
-from stadimeter.detectors.sheet.edges import SheetPicture
+from stadimeter.detectors.sheet.edges import OutlineSides, SheetPicture, edge_points, measure_outline
 from stadimeter.detectors.sheet.evidence import slack_share
-from stadimeter.detectors.sheet.one_outline import OutlineSides, edge_points, measure_outline
 from stadimeter.detectors.sheet.search import EXPECTED_SIZES, MISFIT_FACTOR, MISFIT_SIGMAS, SLACK_SIGMAS, SheetSearch
 from stadimeter.detectors.sheet.side_tests import (
     MAX_BEND_PX,
@@ -51,6 +49,9 @@ TOLERANCE_SHARES = (0.004, 0.008, 0.012)
 
 # Of a sheet's shorter side, the camera's edge bias may make up this share at most.
 MAX_BIAS_SHARE = 0.5
+
+# A sheet that is expected nearer to the border is searched for: it may be cut off.
+BORDER_PX = 4.0
 
 # An expected outline that leads further out, or nowhere, is none.
 MAX_COORDINATE_PX = 1e5
@@ -270,6 +271,8 @@ def follow(
     if outline_px is None or size.known_side != "auto" or not 0 < sigma_px < expected.size_px:
         return None
     if outline_px.shape != (4, 2) or not float(np.abs(outline_px).max()) < MAX_COORDINATE_PX:
+        return None
+    if touches_border(outline_px, image.shape, BORDER_PX):
         return None
     sides = measure_outline(SheetPicture.of(image, lens), outline_px, sigma_px)
     if sides is None or not _looks_whole(sides, expected, min_side_px):

@@ -35,10 +35,11 @@ REFUSED_OF_A_KIND = 3
 KEPT_STAGE = 16
 
 # Least evidence of what is taken for the sheet, and that beyond which no other one is looked for; and least evidence of
-# what is perhaps the sheet, where nothing else is as likely.
+# what is perhaps the sheet, where nothing else is as likely: of what looks like paper, and of what does not, such as a
+# letter on a page.
 MIN_EVIDENCE = 1.5
 SURE_EVIDENCE = 2.5
-MIN_PERHAPS = -1.5
+MIN_PERHAPS, MIN_PERHAPS_OTHER = -1.5, -0.7
 
 # A candidate with less evidence than another by RIVAL_EVIDENCE is not the sheet, unless it is beyond doubt itself. Two
 # that may be it contradict each other if the logarithms of their sizes differ by more than RIVAL_LOG_SIZE, plus
@@ -108,6 +109,8 @@ class Findings(Struct, kw_only=True):
     # The largest outline that could be one and is cut off by the border, if there is no whole one.
     cut_off: SheetCandidate | None = None
     refused: list[RefusedCandidate] = field(default_factory=list)
+    # The largest outlines of another shape, each ``(4, 2)``.
+    misfits: list[Points] = field(default_factory=list)
 
     # Of these, what may be the sheet, the likeliest first.
     likely: list[SheetCandidate] = field(default_factory=list)
@@ -163,7 +166,8 @@ class Findings(Struct, kw_only=True):
         most, most_of_papers = (max((c.evidence for c in every), default=-math.inf) for every in (self.kept, papers))
         is_paper = most_of_papers >= min(most - RIVAL_EVIDENCE, MIN_EVIDENCE)
         most, every = (most_of_papers, papers) if is_paper else (most, self.kept)
-        likely = [each for each in every if each.evidence >= max(most - RIVAL_EVIDENCE, MIN_PERHAPS)]
+        least = max(most - RIVAL_EVIDENCE, MIN_PERHAPS if is_paper else MIN_PERHAPS_OTHER)
+        likely = [each for each in every if each.evidence >= least]
         self.likely = sorted(likely, key=lambda each: -each.score)
 
     def sift(self, stage: int, corners: Points, good: Flags, test: Test, likely: Values | None = None) -> Flags:
@@ -185,6 +189,13 @@ class Findings(Struct, kw_only=True):
                     RefusedCandidate(rank, stage, (x_px, y_px), size_px, corners[number], partial(why, number))
                 )
         return good & passed
+
+    def refuse_first(self, corners_px: Points, why: str) -> None:
+        """Note an outline that is refused as the first of those that are reported."""
+        sizes_px, (x_px, y_px) = longest_sides_px(corners_px[None]), corners_px.mean(axis=0).tolist()
+        first = max((each.rank for each in self.refused), default=0.0) + KEPT_STAGE
+        refused = RefusedCandidate(first, KEPT_STAGE, (x_px, y_px), float(sizes_px[0]), corners_px, lambda: why)
+        self.refused.append(refused)
 
     def largest_refused_px(self, stage: int) -> float:
         """Return the size of the largest candidate that was refused at a stage or later; 0 if none was."""

@@ -93,7 +93,8 @@ RIVAL_POWER = 1.5
 CONTENT_SHARE = 0.9
 
 # Outlines that are neither brighter nor darker than what is around on all sides: how many of them are looked at.
-UNCLEAR_LOOKED_AT = 8
+# And how many outlines at most, the clearest first.
+UNCLEAR_LOOKED_AT, MAX_LOOKED_AT = 8, 64
 
 # Where colours beside a side are read: at these shares of its length.
 ALONG = np.array((0.25, 0.5, 0.75))
@@ -167,25 +168,28 @@ class Looks:
         self._others, self._places = _mean_contrast(self._steps(outlines_px)), outlines_px
         self._twins = Twins(outlines_px, self._others, aspect)
 
-    def clearest_first(self, outlines_px: Points) -> Points:
-        """Return outlines in the order of how much they stand out on all their sides; in turn from each nested group.
+    def clearest(self, outlines_px: Points) -> Points:
+        """Return the outlines that stand out most on all their sides; in turn from each nested group.
 
         A sheet with a chessboard on it stands out less than each of its squares.
         """
         contrast = _least_contrast(self._steps(outlines_px))
         order = np.argsort(-contrast, kind="stable")[: np.count_nonzero(contrast > 0) + UNCLEAR_LOOKED_AT]
-        return np.asarray(outlines_px[order[np.argsort(_rank_in_group(outlines_px[order]), kind="stable")]])
+        turns = np.argsort(_rank_in_group(outlines_px[order]), kind="stable")[:MAX_LOOKED_AT]
+        return np.asarray(outlines_px[order[turns]])
 
-    def evidence(self, corners_px: Points, inside: Values, free: Flags | None = None) -> Values:
+    def evidence(self, corners_px: Points, inside: Values | None = None, free: Flags | None = None) -> Values:
         """Return the evidence of the looks of outlines, and of how they stand out, for the sheet.
 
         Args:
             corners_px: Their corners, shape ``(c, 4, 2)``.
-            inside: Their colours inside each side, shape ``(c, 4, 3)``.
-            free: Flags sides are none but where the border cuts, shape ``(c, 4)``.
+            inside: Their colours inside each side, shape ``(c, 4, 3)``; None to read them in the reduced picture.
+            free: Which sides are none but where the border cuts, shape ``(c, 4)``.
         """
         # All figures are in levels of 8 bits of the reduced picture. A candidate is its own rival, hence at least one.
-        steps = self._steps(corners_px)
+        inside_here, outside = self._beside(corners_px)
+        steps = inside_here - outside
+        inside = inside_here if inside is None else inside
         mean_contrast = _mean_contrast(steps)
         # Tiles and panes are many; where the colour is named, several things of it are too.
         twins = self._twins.of(corners_px, mean_contrast, several=self._colour is not None)
@@ -210,10 +214,15 @@ class Looks:
 
     def _steps(self, corners_px: Points) -> Values:
         """Return by how many levels the inside of each side is brighter, in each channel, shape ``(c, 4, 3)``."""
+        inside, outside = self._beside(corners_px)
+        return np.asarray(inside - outside)
+
+    def _beside(self, corners_px: Points) -> Values:
+        """Return the colours inside and outside of each side, shape ``(2, c, 4, 3)``."""
         corners = self._reduced(corners_px)
         vector = corners[:, [1, 2, 3, 0]] - corners
         on_side = corners[:, :, None] + ALONG[:, None] * vector[:, :, None]
-        return np.asarray(np.add.reduce(steps_across(self._picture, on_side, vector), axis=2) / len(ALONG))
+        return np.asarray(np.add.reduce(colours_beside(self._picture, on_side, vector), axis=3) / len(ALONG))
 
     def _reduced(self, corners_px: Points) -> Points:
         return np.asarray((corners_px - self._left_top_px + 0.5) * self._scale - 0.5)
@@ -326,20 +335,22 @@ BAND_LEVELS, BAND_SIDES = 8.0, 3
 
 
 def steps_across(picture: Image, places: Points, along: Points) -> Values:
-    """Return by how many levels the inside is brighter across sides, in each channel.
+    """Return by how many levels the inside is brighter across sides, in each channel, shape ``(c, 4, n, 3)``.
 
     Args:
         picture: The picture.
         places: Places on the lines of four sides of outlines, shape ``(c, 4, n, 2)``.
         along: How the sides lead, clockwise on the screen, shape ``(c, 4, 2)``.
-
-    Returns:
-        Shape ``(c, 4, n, 3)``.
     """
+    inside, outside = colours_beside(picture, places, along)
+    return np.asarray(inside - outside)
+
+
+def colours_beside(picture: Image, places: Points, along: Points) -> Values:
+    """Return the colours inside and outside of sides, shape ``(2, c, 4, n, 3)``; the same as of `steps_across`."""
     outward = np.stack((along[..., 1], -along[..., 0]), axis=-1)
     outward *= BESIDE_PX / np.maximum(np.hypot(outward[..., 0], outward[..., 1]), 1e-9)[..., None]
-    inside, outside = _at(picture, places + np.stack((-outward, outward))[:, :, :, None])
-    return np.asarray(inside - outside)
+    return _at(picture, places + np.stack((-outward, outward))[:, :, :, None])
 
 
 def in_frames(picture: Image, corners: Points) -> Flags:

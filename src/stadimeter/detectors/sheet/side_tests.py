@@ -123,6 +123,16 @@ def other_paper(corners_px: Points, size: SheetShape, lens: CameraModel | None) 
     return f"sides {seen:.2f} : 1, not {wanted:.2f} : 1: {alike[0]} instead of {_name(size)}?" if alike else ""
 
 
+def other_shape(corners_px: Points, size: SheetShape, lens: CameraModel | None) -> str:
+    """Say which size would fit an outline that is no picture of the sheet; empty where it is no rectangle for sure."""
+    seen, wanted = _seen_aspect(corners_px, lens), size.longest_m / size.shortest_m
+    if seen is None or _apart(seen, wanted) < OTHER_SHAPE:
+        return ""
+    long_mm = 1000 * size.longest_m
+    fitting = f"sides {seen:.2f} : 1, not {wanted:.2f} : 1; about {long_mm:.0f} x {long_mm / seen:.0f} mm would fit"
+    return other_paper(corners_px, size, lens) or fitting
+
+
 def mistaken_for(size: SheetShape) -> list[str]:
     """Return the papers that a sheet with a name may be mistaken for, the likeliest first; none for any other sheet.
 

@@ -112,9 +112,9 @@ def tag_frame(
     at = side_frame(
         sides,
         steps,
-        shape[1],
+        shape,
         None if bent is None else partial(_bend, bent.middles(corners_px), sides),
-        partial(_with_room, sides, max(reach), shape) if bent is not None or inside_px < max(reach) else None,
+        max(reach) if bent is not None or inside_px < max(reach) else None,
     )
     return TagFrame(at, reach, max_reach)
 
@@ -130,13 +130,6 @@ def _reaches(sides: list[SideLine], area_of_cells_px2: float, look: Look) -> tup
     # Divided by the number of cells that is a cell's height; the cosine turns it into pixels across.
     cells_px = [area_of_cells_px2 / (side.length_px * side.cosine) for side in sides]
     return tuple([min(max(round(look.reach_cells * cell_px), REACH_PX[0]), REACH_PX[1]) for cell_px in cells_px])
-
-
-def _with_room(sides: list[SideLine], reach: int, shape: tuple[int, ...], pixel: Values) -> Values:
-    """Return the nearest pixels to these that are at least `reach` pixels inside the picture."""
-    # Across is y for flat sides, so they may go down to the last row, and the others to the last column.
-    last = np.array([[shape[0] if side.flat else shape[1]] for side in sides]) - 1
-    return np.asarray(np.minimum(np.maximum(pixel, reach), last - reach))
 
 
 def _bend(middles: Points, sides: list[SideLine], along: Values) -> Values:
