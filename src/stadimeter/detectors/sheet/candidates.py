@@ -34,7 +34,7 @@ REFUSED_OF_A_KIND = 3
 # The stage of what passed all tests: later than the last of them, so that it is reported first.
 KEPT_STAGE = 16
 
-# Least evidence of what is taken for the sheet (of 100 rooms without one, none has more than 0.8; a page on grained wood
+# Least evidence of what is taken for the sheet (of 100 rooms without one none has more than 0.8; a page on grained wood
 # has 1.4), and that beyond which no other one is looked for; and least evidence of what is perhaps the sheet, where
 # nothing else is as likely: of what looks like paper, and of what does not, such as a letter on a page.
 MIN_EVIDENCE = 1.3
