@@ -353,7 +353,7 @@ class SheetSearch:
         if expected is None:
             return np.asarray(evidence)
         # A normal distribution of the logarithm of the size about the expected one, against an even one elsewhere.
-        off = np.log(longest_px / expected.size_px) / EXPECTED_LOG_SIZE
+        off = np.log(longest_px / max(expected.size_px, 1.0)) / EXPECTED_LOG_SIZE
         return np.asarray(evidence + EXPECTED_EVIDENCE - off**2 / 2)
 
     def _shape_evidence(
