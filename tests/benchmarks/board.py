@@ -13,8 +13,10 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from time import perf_counter
+from typing import NamedTuple
 
 import cv2
+import numpy as np
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.clock import SteppedClock
@@ -27,15 +29,13 @@ from stadimeter.config.plugins import (
     DETECTORS,
     WORLDS,
     DriverContext,
-    DriverOptions,
     Shared,
-    driver_names,
     load_driver,
 )
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, TargetShape
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.protocol import BringsExercise, Detector, Exercise
+from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import StadimeterError
 from support.board_figures import (
     SCHEMA_VERSION,
@@ -131,18 +131,41 @@ def own_run(frames: int = OWN_RUN_FRAMES) -> OwnRun:
     return OwnRun(first_command_s=summary["first_command_s"], peak_memory_mb=summary["peak_memory_mb"])
 
 
-def exercises() -> dict[str, tuple[type[DriverOptions], Exercise]]:
-    """Return what each installed detector is to find, by its name; those that bring no exercise are left out."""
-    drivers = {name: load_driver(DETECTORS, name) for name in driver_names(DETECTORS)}
-    return {name: (each, each.exercise()) for name, each in drivers.items() if issubclass(each, BringsExercise)}
+class Exercise(NamedTuple):
+    """A target that a detector is to find while its speed is measured."""
+
+    options: dict[str, str]
+    patch: Image | None = None
+    """The target with its surroundings, as it looks in a picture that is 480 px high; None for the green ball of 20 cm
+    that is in the simulated room."""
+
+
+def exercises() -> dict[str, Exercise]:
+    """Return what detectors are to find, by their names."""
+    sheet = np.full((145, 170, 3), 60, np.uint8)  # a narrow rim would be a picture's frame
+    sheet[30:115, 30:140] = 225
+    finer = 8
+    disc = np.full((110 * finer, 110 * finer, 3), 60, np.uint8)
+    cv2.circle(disc, (55 * finer, 55 * finer), 40 * finer, (225, 225, 225), cv2.FILLED)
+    tag = np.full((100, 100), 225, np.uint8)
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    tag[15:85, 15:85] = np.maximum(cv2.aruco.generateImageMarker(dictionary, 0, 70), 20)
+    return {
+        "ball": Exercise({"diameter": "20 cm", "hsv": "29,86,6:64,255,255"}),
+        "disc": Exercise(
+            {"diameter": "8 cm"}, np.asarray(cv2.resize(disc, (110, 110), interpolation=cv2.INTER_AREA), np.uint8)
+        ),
+        "sheet": Exercise({"width": "11 in", "height": "8.5 in"}, sheet),
+        "tag": Exercise({"side": "8 cm", "family": "apriltag-36h11"}, np.repeat(tag[:, :, np.newaxis], 3, axis=2)),
+    }
 
 
 def _detector_speeds(size_px: tuple[int, int], each_s: float) -> Iterator[DetectorSpeed]:
     lens = lens_for(*size_px)
     room = room_frames(lens)
-    for name, (driver, exercise) in exercises().items():
+    for name, exercise in exercises().items():
         context = DriverContext(name=name, clock=SteppedClock(), camera_model=lens)
-        detector: Detector = driver.model_validate(dict(exercise.options)).build(context)
+        detector: Detector = load_driver(DETECTORS, name).model_validate(exercise.options).build(context)
         frames = room if exercise.patch is None else with_patch(room, exercise.patch)
         yield _detector_speed(name, detector, lens, frames, each_s)
 

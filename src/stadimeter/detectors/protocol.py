@@ -12,7 +12,7 @@ from stadimeter.config.plugins import DriverOptions
 from stadimeter.config.units import split_spread
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Plane, Points, Prediction, RejectedCandidate, TargetShape
-from stadimeter.core.frame import Frame, Image
+from stadimeter.core.frame import Frame
 from stadimeter.errors import PictureError
 
 if TYPE_CHECKING:  # a run draws nothing
@@ -164,28 +164,6 @@ class ProposesColour(Protocol):
     @staticmethod
     def view_colour(frame: Frame, colour: str) -> ColourView:
         """Find what a range, as the configuration has it, shows in a frame; a ValueError says why it is none."""
-
-
-class Exercise(Struct, frozen=True, kw_only=True, eq=False):
-    """A target that a detector is to find while its speed is measured.
-
-    Attributes:
-        options: The detector's table, as a configuration would have it.
-        patch: The target with its surroundings, as it looks in a picture that is 480 px high, to be put into pictures
-            of the simulated room; None to look for the green ball of 20 cm that is in that room.
-    """
-
-    options: Mapping[str, Any]
-    patch: Image | None = None
-
-
-@runtime_checkable
-class BringsExercise(Protocol):
-    """A detector whose speed can be measured; a part of its `DriverOptions`."""
-
-    @staticmethod
-    def exercise() -> Exercise:
-        """Return the exercise: what it has to find."""
 
 
 class EngineTiming(Struct, frozen=True, kw_only=True):

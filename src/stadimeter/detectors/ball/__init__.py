@@ -36,7 +36,7 @@ from stadimeter.detectors.ball.evidence import (
 from stadimeter.detectors.ball.search import FIRST_REACH_PX, search_at, search_blobs, search_circles
 from stadimeter.detectors.ball.setup import ball_kinds
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText, parse_hsv_range
-from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, Exercise
+from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
 from stadimeter.detectors.sampling import REGION_SIGMAS, Region
 from stadimeter.ranging.ball import BallShape
 
@@ -103,11 +103,6 @@ class BallOptions(DriverOptions):
         from stadimeter.detectors.ball.several import SeveralBalls  # noqa: PLC0415 - most look for one ball
 
         return SeveralBalls(context.name, self)
-
-    @staticmethod
-    def exercise() -> Exercise:
-        """Return the green ball of the simulated room."""
-        return Exercise(options={"diameter": "20 cm", "hsv": "29,86,6:64,255,255"})
 
     @staticmethod
     def propose_colour(samples: Sequence[ColourSample]) -> ColourProposal | None:

@@ -12,7 +12,6 @@ import math
 from collections.abc import Iterable
 from typing import Annotated, ClassVar, Literal
 
-import cv2
 import numpy as np
 from pydantic import Field
 
@@ -56,7 +55,7 @@ from stadimeter.detectors.disc.search import (
     pick_largest,
 )
 from stadimeter.detectors.hsv import HsvRangeText
-from stadimeter.detectors.protocol import ONE_OF_A_KIND, Exercise, SetupKind, check_image, size_question
+from stadimeter.detectors.protocol import ONE_OF_A_KIND, SetupKind, check_image, size_question
 from stadimeter.detectors.sampling import Region, touches_border
 from stadimeter.ranging.flat import DiscShape
 
@@ -131,15 +130,6 @@ class DiscOptions(DriverOptions):
     def build(self, context: DriverContext) -> DiscDetector:
         """Return the detector."""
         return DiscDetector(context.name, self)
-
-    @staticmethod
-    def exercise() -> Exercise:
-        """Return a bright disc of 80 px on something dark."""
-        finer = 8
-        large = np.full((110 * finer, 110 * finer, 3), 60, np.uint8)
-        cv2.circle(large, (55 * finer, 55 * finer), 40 * finer, (225, 225, 225), cv2.FILLED)
-        patch = np.asarray(cv2.resize(large, (110, 110), interpolation=cv2.INTER_AREA), np.uint8)
-        return Exercise(options={"diameter": "8 cm"}, patch=patch)
 
     def draw(self) -> Drawing:
         """Return a black disc on white."""

@@ -20,7 +20,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText
-from stadimeter.detectors.protocol import ONE_OF_A_KIND, Exercise, Remedy, SetupKind, check_image, size_question
+from stadimeter.detectors.protocol import ONE_OF_A_KIND, Remedy, SetupKind, check_image, size_question
 from stadimeter.detectors.sampling import Region, touches_border
 from stadimeter.detectors.sheet.candidates import Findings, SheetCandidate
 from stadimeter.detectors.sheet.edges import OutlineSides, SheetPicture, edge_points, measure_outline
@@ -127,13 +127,6 @@ class SheetOptions(DriverOptions):
     def build(self, context: DriverContext) -> SheetDetector:
         """Return the detector."""
         return SheetDetector(context.name, self)
-
-    @staticmethod
-    def exercise() -> Exercise:
-        """Return a bright sheet of letter paper, 110 px wide, on a dark table."""
-        patch = np.full((145, 170, 3), 60, np.uint8)  # a narrow rim would be a picture's frame
-        patch[30:115, 30:140] = 225
-        return Exercise(options={"width": "11 in", "height": "8.5 in"}, patch=patch)
 
 
 class SheetDetector:

@@ -13,7 +13,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Self
 
-import cv2
 import numpy as np
 from msgspec.structs import replace
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -26,7 +25,6 @@ from stadimeter.core.drawing import Drawing, black_cells
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import (
     SEVERAL,
-    Exercise,
     SetupKind,
     SetupQuestion,
     check_image,
@@ -156,16 +154,6 @@ class TagOptions(DriverOptions):
     def build(self, context: DriverContext) -> TagDetector:
         """Return the detector."""
         return TagDetector(context.name, self)
-
-    @staticmethod
-    def exercise() -> Exercise:
-        """Return a tag of 70 px on white paper."""
-        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-        patch = np.full((100, 100), 225, np.uint8)
-        patch[15:85, 15:85] = np.maximum(cv2.aruco.generateImageMarker(dictionary, 0, 70), 20)
-        return Exercise(
-            options={"side": "8 cm", "family": "apriltag-36h11"}, patch=np.repeat(patch[:, :, np.newaxis], 3, axis=2)
-        )
 
     def draw(self) -> Drawing:
         """Return the tag upright with a white rim of one cell."""
