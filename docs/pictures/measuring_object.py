@@ -18,12 +18,11 @@ from stadimeter.config.plugins import DriverContext
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.object import ObjectOptions
 from stadimeter.detectors.object.boxes import fit_picture
-from stadimeter.detectors.object.engines import OpenCvEngine
 from stadimeter.detectors.object.families import recognise
 from stadimeter.detectors.object.following import BoxPattern, take_pattern
 from stadimeter.detectors.object.grids import WantedClass
 from stadimeter.detectors.object.model_file import load_model
-from stadimeter.detectors.object.network import to_blob
+from stadimeter.detectors.object.network import OpenCvEngine, to_blob
 from stadimeter.ranging.measure import measure
 from stadimeter.testing.rig import ManualClock
 from support.networks import bright_figure, write_network

@@ -17,7 +17,7 @@ from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.colours import find_plausible, learn_colours, likely_drop
 from stadimeter.detectors.ball.evidence import BallScene
 from stadimeter.detectors.ball.limb import Limb, find_limb
-from stadimeter.detectors.ball.look_again import look_by_colour
+from stadimeter.detectors.ball.search import look_by_colour
 from support.each_case import each_case
 from support.scenes import draw
 from support.scenes.backdrop import PlainBackdrop

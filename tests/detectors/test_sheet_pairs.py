@@ -8,7 +8,7 @@ import pytest
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
-from stadimeter.detectors.sheet.outlines import Twins, ratio_evidence
+from stadimeter.detectors.sheet.evidence import Twins, ratio_evidence
 from stadimeter.ranging.measure import measure
 from support.scenes.draw import CAMERA
 from support.scenes.render import render

@@ -11,8 +11,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import CameraPose, Landmarks, PlacedTag
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.tracking.transverse import Viewpoint
-from stadimeter.ranging.camera_pose import ExpectedPose, locate_camera
-from stadimeter.ranging.landmark_views import SeenLandmark
+from stadimeter.ranging.camera_pose import ExpectedPose, SeenLandmark, locate_camera
 
 pytestmark = pytest.mark.vision
 

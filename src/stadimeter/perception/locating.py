@@ -10,8 +10,7 @@ from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.detectors.protocol import FindsSeveral
-from stadimeter.ranging.camera_pose import ExpectedPose, locate_camera
-from stadimeter.ranging.landmark_views import SeenLandmark
+from stadimeter.ranging.camera_pose import ExpectedPose, SeenLandmark, locate_camera
 
 # A tag counts as moved once this many frames in a row say so: by chance one in 100,000 does.
 MOVED_FRAMES = 5

@@ -22,13 +22,14 @@ from stadimeter.core.camera_model import CameraModel, Provenance, all_five
 from stadimeter.core.detection import Flags, Values
 from stadimeter.core.stereo_rig import OF_LENS, OF_POSE, UNKNOWNS, StereoRig, with_uncertainties
 from stadimeter.errors import CalibrationError
-from stadimeter.ranging.bent_board import distances_px, ways_to_bend
 from stadimeter.ranging.board_calibration import (
     VIEWS_MIN,
     BoardCalibration,
     BoardView,
+    distances_px,
     in_common,
     outlier_limit_px,
+    ways_to_bend,
 )
 from stadimeter.ranging.fit_covariance import PlacedBoard, camera_matrix, corner_variance_px2, inverse_root
 from stadimeter.ranging.stereo import slopes_of, triangulate

@@ -18,10 +18,9 @@ from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Duration, FilePath, LengthWithSpread, SpreadLength
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.detectors.object.detector import LoadedNetwork, ObjectDetector, ObjectSearch
-from stadimeter.detectors.object.engines import EngineChoice
 from stadimeter.detectors.object.families import FAMILIES, FamilyName, recognise
 from stadimeter.detectors.object.model_file import load_model
-from stadimeter.detectors.object.network import USUAL_EVERY_S, Network, examine
+from stadimeter.detectors.object.network import USUAL_EVERY_S, EngineChoice, Network, examine
 from stadimeter.detectors.protocol import BY_NETWORK, NetworkReport, SetupKind, SetupQuestion
 from stadimeter.errors import DriverError, UnreadableError
 from stadimeter.ranging.upright import KnownLength, UprightShape

@@ -40,8 +40,17 @@ from stadimeter.detectors.sheet.edges import (
     measure_each,
     measure_outline,
 )
-from stadimeter.detectors.sheet.evidence import CUT_PX, Looks, shape_evidence, sides_evidence, slack_share
-from stadimeter.detectors.sheet.outlines import MAX_LOG_RATIO, cut_off_evidence, facing_evidence, ratio_evidence
+from stadimeter.detectors.sheet.evidence import (
+    CUT_PX,
+    MAX_LOG_RATIO,
+    Looks,
+    cut_off_evidence,
+    facing_evidence,
+    ratio_evidence,
+    shape_evidence,
+    sides_evidence,
+    slack_share,
+)
 from stadimeter.detectors.sheet.quadrilaterals import (
     COARSE_PX,
     FINE_PX,
