@@ -12,7 +12,7 @@ from pathlib import Path
 
 from msgspec import DecodeError, json
 
-from stadimeter.config.untrusted_file import JSON_MAX_BYTES, read_untrusted
+from stadimeter.config.files import JSON_MAX_BYTES, read_untrusted
 from stadimeter.errors import UnreadableError
 from support.board_figures import DetectorSpeed, Figures, Heat, Times
 

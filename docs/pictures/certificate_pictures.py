@@ -10,8 +10,7 @@ from msgspec.structs import replace
 from web_pages import save
 
 from stadimeter.config.loader import load_configuration
-from stadimeter.workbench.certificate.page import blocks_of, pages_of
-from stadimeter.workbench.certificate.session import SiteSession
+from stadimeter.workbench.certificate.session import SiteSession, blocks_of, pages_of
 from stadimeter.workbench.drawing import svg_of
 from support.browser import chromium, served, tab
 

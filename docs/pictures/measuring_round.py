@@ -10,8 +10,7 @@ import numpy as np
 
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.blobs import find_blobs, search_step
-from stadimeter.detectors.ball.circles import ImageCircle
+from stadimeter.detectors.ball.blobs import ImageCircle, find_blobs, search_step
 from stadimeter.detectors.ball.limb import find_limb
 from stadimeter.detectors.disc.edges import THOROUGHLY, measure_ellipse
 from stadimeter.detectors.disc.ellipse import EdgePicture, Ellipse, Lens

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from stadimeter.perception.background import MIN_INLIERS, NEAR, look_at, match_features
+from stadimeter.perception.mounting import MIN_INLIERS, NEAR, look_at, match_features
 from stadimeter.ranging.view_motion import fit_view_motion
 from support.watched_room import LENS, Pose, WatchedRoom
 

@@ -16,7 +16,7 @@ from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.detectors.tag import TagDetector, TagOptions
-from stadimeter.perception.locating import CameraLocator
+from stadimeter.perception.prediction import CameraLocator
 from support.scenes.placed import CAMERA, PlacedScene, placed_scene
 from support.scenes.render import render
 from support.scenes.room import RoomBackdrop

@@ -14,8 +14,7 @@ from stadimeter.core.detection import Points
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.stereo_rig import StereoRig
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
-from stadimeter.ranging.measure import measure
-from stadimeter.ranging.separation import SeenTarget
+from stadimeter.ranging.measure import SeenTarget, measure
 from stadimeter.ranging.stereo import measure_pair, triangulate
 from support.scenes.plane import Pose, SheetTarget
 from support.scenes.render import render

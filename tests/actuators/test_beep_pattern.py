@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.actuators.buzzer import BeepPattern
+from stadimeter.actuators.pin_actuator import BeepPattern
 
 TICK_S = 0.02
 

@@ -4,7 +4,7 @@ import pytest
 from gpiozero.pins.mock import MockFactory, MockPin
 from pydantic import ValidationError
 
-from stadimeter.actuators.buzzer import BuzzerOptions, GpiozeroBuzzer
+from stadimeter.actuators.pin_actuator import BuzzerOptions, GpiozeroBuzzer
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import LevelCommand
 from stadimeter.gpio.output_pin import SHARED_KEY

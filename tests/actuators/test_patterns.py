@@ -7,10 +7,8 @@ from itertools import groupby
 import pytest
 from gpiozero.pins.mock import MockFactory
 
-from stadimeter.actuators.buzzer import BuzzerOptions
+from stadimeter.actuators.pin_actuator import BuzzerOptions, LedOptions, RelayOptions, VibrationMotorOptions
 from stadimeter.actuators.protocol import Actuator
-from stadimeter.actuators.switch import LedOptions, RelayOptions
-from stadimeter.actuators.vibration_motor import VibrationMotorOptions
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.rule import Pattern

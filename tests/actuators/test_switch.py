@@ -4,7 +4,7 @@ import pytest
 from gpiozero.pins.mock import MockFactory
 from pydantic import ValidationError
 
-from stadimeter.actuators.switch import GpiozeroSwitch, LedOptions, RelayOptions
+from stadimeter.actuators.pin_actuator import GpiozeroSwitch, LedOptions, RelayOptions
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import LevelCommand
 

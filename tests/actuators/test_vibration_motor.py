@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from stadimeter.actuators.vibration_motor import DutySteps, GpiozeroVibrationMotor, VibrationMotorOptions
+from stadimeter.actuators.pin_actuator import DutySteps, GpiozeroVibrationMotor, VibrationMotorOptions
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import LevelCommand
 from stadimeter.testing.rig import ManualClock

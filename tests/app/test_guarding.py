@@ -4,8 +4,16 @@ import threading
 
 import pytest
 
-from stadimeter.app.guard import PERIOD_S, Guard, make_all_safe, retire_all
-from stadimeter.app.leased_output import BUSY_WAIT_S, FIRST_WAIT_S, REST_S, LeasedOutput
+from stadimeter.app.guard import (
+    BUSY_WAIT_S,
+    FIRST_WAIT_S,
+    PERIOD_S,
+    REST_S,
+    Guard,
+    LeasedOutput,
+    make_all_safe,
+    retire_all,
+)
 from stadimeter.core.command import LevelCommand
 from stadimeter.errors import LinkLostError
 from stadimeter.testing.rig import ManualClock

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.app.guard import Guard, make_all_safe, retire_all
-from stadimeter.app.leased_output import REST_S, RESTING, LeasedOutput
+from stadimeter.app.guard import REST_S, RESTING, Guard, LeasedOutput, make_all_safe, retire_all
 from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.errors import DeviceOpenError, LinkLostError
 from stadimeter.testing.rig import ManualClock, eventually

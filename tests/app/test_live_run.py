@@ -8,7 +8,7 @@ import pytest
 
 from stadimeter.app import ending
 from stadimeter.app.ending import stopping_on_signals
-from stadimeter.app.leased_output import RESTING
+from stadimeter.app.guard import RESTING
 from stadimeter.app.loop import Limits
 from stadimeter.cameras.picamera2_camera import Picamera2Camera, Picamera2Options
 from stadimeter.errors import DeviceOpenError, DriverError, DriverUnavailableError

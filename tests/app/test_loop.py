@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.bootstrap import Parts, build
-from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.guard import LeasedOutput
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.outputs import safe_command

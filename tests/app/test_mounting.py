@@ -27,10 +27,9 @@ from stadimeter.core.camera_pose import MountingStatus
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.frame import Frame, Optics
 from stadimeter.core.observation import FrameStamp, Observation
-from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import Plan
 from stadimeter.errors import CalibrationError, StateError
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import OperatorAction, OperatorCommand
 from support.watched_room import FOCAL_PX, LENS, Pose, WatchedRoom
 
 NOON = 720

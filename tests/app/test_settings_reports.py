@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from stadimeter.app.messages import Reporter
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.message import Message
-from stadimeter.core.reload import reload
+from stadimeter.core.persistence import reload
 from support.observing import Rehearsal
 from support.two_rules import FAR, NEAR, plan_of, rehearse
 

@@ -3,8 +3,7 @@
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.guard import Guard, StallWatch
-from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.guard import Guard, LeasedOutput, StallWatch
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.command import LevelCommand
 from stadimeter.testing.rig import ManualClock

@@ -8,8 +8,7 @@ import pytest
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.guard import Guard
-from stadimeter.app.leased_output import REST_S
+from stadimeter.app.guard import REST_S, Guard
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.panel import LEASE_S, Status, StatusLed, status_of
 from stadimeter.config.loader import load_configuration

@@ -9,12 +9,11 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from stadimeter.app import watchdog
-from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.guard import LeasedOutput
 from stadimeter.app.watchdog import WatchdogLink
 from stadimeter.core.command import LevelCommand
-from stadimeter.core.operator import OperatorCommand
 from stadimeter.errors import DriverError
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import OperatorAction, OperatorCommand
 from stadimeter.testing.rig import ManualClock, eventually
 from stadimeter.watchdog.__main__ import RunWatch
 from support.recording_doubles import RecordingActuator

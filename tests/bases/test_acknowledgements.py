@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from stadimeter.bases.acknowledgements import DOUBTED_AFTER_S, LATE_AFTER_S, LOOK_S, Acknowledgements
+from stadimeter.bases.protocol import DOUBTED_AFTER_S, LATE_AFTER_S, LOOK_S, Acknowledgements
 
 
 def test_a_stop_is_overdue_a_tenth_of_a_second_after_it_was_sent() -> None:

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from stadimeter.bases.counts import SpeedSteps
-from stadimeter.bases.differential_drive import WheelSpeeds
+from stadimeter.bases.differential_drive import SpeedSteps, WheelSpeeds
 from stadimeter.bases.roboclaw_base import RoboclawCodec, RoboclawOptions
 from stadimeter.bases.serial_base import SerialBase
 from stadimeter.bases.serial_codec import BaseMessage

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.bases.differential_drive import Motion
-from stadimeter.bases.ros2_messages import (
+from stadimeter.bases.ros2_base import (
     BATTERY_TYPE,
     POSE_TYPE,
     battery_from_cdr,

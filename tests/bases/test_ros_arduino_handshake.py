@@ -7,8 +7,7 @@ import pytest
 from msgspec import Struct
 
 from stadimeter.bases.ros_arduino_base import RosArduinoCodec
-from stadimeter.bases.serial_greeting import Greeting
-from stadimeter.bases.serial_link import SerialLink
+from stadimeter.bases.serial_link import Greeting, SerialLink
 from stadimeter.errors import DeviceOpenError, ProtocolError
 from stadimeter.simulation.emulated_port import EmulatedPort
 from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware

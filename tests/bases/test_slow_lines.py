@@ -9,9 +9,8 @@ from typing import Any
 import pytest
 from msgspec import Struct
 
-from stadimeter.app.guard import Guard
-from stadimeter.app.leased_output import LeasedOutput
-from stadimeter.bases.acknowledgements import DOUBTED_AFTER_S
+from stadimeter.app.guard import Guard, LeasedOutput
+from stadimeter.bases.protocol import DOUBTED_AFTER_S
 from stadimeter.bases.serial_base import STANDING
 from stadimeter.bases.serial_link import SerialLink
 from stadimeter.config.plugins import BASES, load_driver

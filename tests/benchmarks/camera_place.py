@@ -18,7 +18,7 @@ from stadimeter.core.camera_pose import CameraPose
 from stadimeter.core.frame import Frame
 from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.detectors.tag import TagDetector, TagOptions
-from stadimeter.perception.locating import CameraLocator
+from stadimeter.perception.prediction import CameraLocator
 from support.scenes import draw, nuisances
 from support.scenes.placed import PlacedScene, moved, placed_scene
 from support.scenes.render import render

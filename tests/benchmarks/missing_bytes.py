@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 import simplejpeg
 
-from stadimeter.cameras.jpeg_stream import JpegStream
+from stadimeter.cameras.mjpeg_stream import JpegStream
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.measurement import Measurement

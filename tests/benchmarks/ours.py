@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from stadimeter.cameras.picture import subsampling_of
+from stadimeter.cameras.image_files import subsampling_of
 from stadimeter.config.plugins import DETECTORS, DriverContext, driver_names, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Prediction

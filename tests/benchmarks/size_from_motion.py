@@ -20,8 +20,7 @@ from workload import over_seeds
 
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError
-from stadimeter.ranging.measure import measure
-from stadimeter.ranging.separation import SeenTarget
+from stadimeter.ranging.measure import SeenTarget, measure
 from stadimeter.ranging.size_from_motion import StepErrors, StepView, learn_size, view_of
 from support.scenes import draw
 from support.scenes.backdrop import ClutterBackdrop, PlainBackdrop

@@ -13,8 +13,7 @@ from workload import over_seeds
 
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel
 from stadimeter.core.stereo_rig import StereoRig
-from stadimeter.ranging.measure import measure
-from stadimeter.ranging.separation import SeenTarget
+from stadimeter.ranging.measure import SeenTarget, measure
 from stadimeter.ranging.stereo import measure_pair
 from support.scenes import draw
 from support.scenes.backdrop import ClutterBackdrop, PlainBackdrop

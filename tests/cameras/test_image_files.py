@@ -10,8 +10,7 @@ import pytest
 from pydantic import ValidationError
 
 from stadimeter.cameras import image_files
-from stadimeter.cameras.image_files import ImageFilesCamera, ImageFilesOptions
-from stadimeter.cameras.picture import Picture, load_picture
+from stadimeter.cameras.image_files import ImageFilesCamera, ImageFilesOptions, Picture, load_picture
 from stadimeter.config.plugins import CAMERAS, DriverContext, load_driver
 from stadimeter.core.frame import Frame
 from stadimeter.errors import EndOfFramesError, PictureError

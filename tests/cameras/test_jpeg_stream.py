@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.cameras.jpeg_stream import JpegStream
-from stadimeter.cameras.picture import load_picture
+from stadimeter.cameras.image_files import load_picture
+from stadimeter.cameras.mjpeg_stream import JpegStream
 from stadimeter.core.frame import Image
 from stadimeter.errors import PictureError
 

@@ -10,11 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.cameras.image_files import ImageFilesCamera
+from stadimeter.cameras.image_files import ImageFilesCamera, load_picture
+from stadimeter.cameras.image_files import subsampling_of as subsampling_in
 from stadimeter.cameras.opencv_device import OpenCvOptions
 from stadimeter.cameras.opencv_settings import subsampling_of
-from stadimeter.cameras.picture import load_picture
-from stadimeter.cameras.picture import subsampling_of as subsampling_in
 from stadimeter.core.frame import SUBSAMPLINGS
 from stadimeter.testing.rig import ManualClock
 

@@ -9,8 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from stadimeter.cameras.arrival_pace import BLIND_SETTLE_S, LONG_SETTLE_S, USUAL_INTERVALS
-from stadimeter.cameras.capture_time import StreamTime
+from stadimeter.cameras.capture_time import BLIND_SETTLE_S, LONG_SETTLE_S, USUAL_INTERVALS, StreamTime
 from support.each_case import each_case
 
 WAY_S = 0.02

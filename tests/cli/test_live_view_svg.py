@@ -10,7 +10,7 @@ import pytest
 from live_view_svg import save_svg
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.cli.target_panel import big_digits
+from stadimeter.cli.run_panels import big_digits
 from support.cycle_records import live_view
 
 SVG = "{http://www.w3.org/2000/svg}"

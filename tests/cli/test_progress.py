@@ -12,13 +12,13 @@ from typing import IO
 import pytest
 import typer
 
-from stadimeter.cli import progress
+from stadimeter.cli import exits
 
 
 @pytest.fixture
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(progress, "FIRST_AFTER_S", 0.0)
-    monkeypatch.delenv(progress.SWITCH)
+    monkeypatch.setattr(exits, "FIRST_AFTER_S", 0.0)
+    monkeypatch.delenv(exits.SWITCH)
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def ends() -> Iterator[list[int]]:
 def shown_while_working(monkeypatch: pytest.MonkeyPatch, reading: int, writing: IO[str]) -> str:
     """Return what comes first at the other end of standard error."""
     monkeypatch.setattr(sys, "stderr", writing)
-    with progress.working("counting sheep"):
+    with exits.working("counting sheep"):
         return os.read(reading, 4096).decode() + (os.read(reading, 4096).decode() if writing.isatty() else "")
 
 
@@ -54,7 +54,7 @@ def test_in_a_terminal_a_moving_line_says_so(monkeypatch: pytest.MonkeyPatch, en
 
 
 def test_what_is_done_at_once_is_not_announced(capsys: pytest.CaptureFixture[str]) -> None:
-    assert list(progress.count_items("abc", "counting", 3)) == ["a", "b", "c"]
+    assert list(exits.count_items("abc", "counting", 3)) == ["a", "b", "c"]
     assert capsys.readouterr() == ("", "")
 
 
@@ -63,7 +63,7 @@ def test_who_wants_to_see_no_progress_sees_none(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("STADIMETER_PROGRESS", "off")
-    with progress.working("counting sheep"):
+    with exits.working("counting sheep"):
         pass
     assert capsys.readouterr().err == ""
 
@@ -77,7 +77,7 @@ def test_what_is_written_meanwhile_is_never_glued_to_the_moving_line(
     ends.append(reading)
     with os.fdopen(writing, "w", buffering=1) as stream:
         monkeypatch.setattr(sys, "stderr", stream)
-        with progress.working("counting sheep"):
+        with exits.working("counting sheep"):
             shown = os.read(reading, 4096).decode()
             while "sheep" not in shown:
                 shown += os.read(reading, 4096).decode()

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.config.stereo_file import load_stereo_rig, save_stereo_rig
+from stadimeter.config.camera_file import load_stereo_rig, save_stereo_rig
 from stadimeter.core.stereo_rig import UNKNOWNS, StereoRig, with_uncertainties
 from support.command_line import Typed, typed
 from support.scenes.backdrop import PlainBackdrop

@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 
 import stadimeter
-from stadimeter.config import atomic_file
-from stadimeter.config.atomic_file import write_all_atomically, write_atomically
+from stadimeter.config import files
+from stadimeter.config.files import write_all_atomically, write_atomically
 
 WRITE = """
 import resource, signal, sys
 from pathlib import Path
-from stadimeter.config.atomic_file import write_atomically
+from stadimeter.config.files import write_atomically
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 try:
@@ -82,7 +82,7 @@ SAVE_AT_ONCE = """
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from stadimeter.config.atomic_file import write_atomically
+from stadimeter.config.files import write_atomically
 sys.setswitchinterval(1e-5)  # threads take turns between nearly any two steps
 with ThreadPoolExecutor(8) as pool:
     list(pool.map(lambda number: write_atomically(Path(sys.argv[1]), bytes([number % 256]) * 500), range(320)))
@@ -106,7 +106,7 @@ def test_a_save_of_several_files_that_fails_leaves_the_hidden_file_of_another_sa
         hidden.write_bytes(b"of the next saver")
         (tmp_path / "b").mkdir()
 
-    monkeypatch.setattr(atomic_file, "_sync_folder", go_on)
+    monkeypatch.setattr(files, "_sync_folder", go_on)
     with pytest.raises(OSError, match="directory"):
         write_all_atomically({tmp_path / "a": b"new", tmp_path / "b": b"new"})
     assert hidden.read_bytes() == b"of the next saver"
@@ -194,14 +194,13 @@ LOOKS = {
     "cameras/opencv_device.py": "why it was not opened, or a finding of `check`",
     "cameras/picamera2_camera.py": "what is installed",
     "cli/calibrate_board.py": "the word 'replaced' or 'wrote'",
-    "cli/calibrate_stereo.py": "the word 'replaced' or 'wrote'",
     "cli/calibrate.py": "an early refusal; the word 'replaced' or 'wrote'",
     "cli/exits.py": "whether one is taken without a name; reading fails by itself",
     "cli/doctor.py": "why it cannot be read",
     "cli/init.py": "a question to the user; the answers are replaced, never removed",
     "cli/web.py": "an early refusal",
     "config/extras.py": "which name of a page is shown",
-    "config/untrusted_file.py": "nothing is opened",
+    "config/files.py": "nothing is opened",
     "web/page.py": "a download that is gone by then fails",
     "web/passwords.py": "a folder of the installation",
     "web/links.py": "why there is no run",

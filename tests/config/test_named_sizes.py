@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from stadimeter.config.loader import load_configuration
-from stadimeter.config.named_sizes import BALLS, PAPER, paper_sides, parse_ball_diameter
 from stadimeter.config.plugins import DETECTORS, load_driver
-from stadimeter.config.units import parse_length
+from stadimeter.config.units import BALLS, PAPER, paper_sides, parse_ball_diameter, parse_length
 from stadimeter.errors import ConfigError
 from support.each_case import each_case
 

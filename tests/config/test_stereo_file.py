@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.config.stereo_file import load_stereo_rig, save_stereo_rig, stereo_file_text
+from stadimeter.config.camera_file import load_stereo_rig, save_stereo_rig, stereo_file_text
 from stadimeter.core.camera_model import Provenance
 from stadimeter.core.frame import Frame, Optics
 from stadimeter.core.stereo_rig import StereoRig

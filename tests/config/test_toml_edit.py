@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.config.toml_edit import set_value
+from stadimeter.config.toml_lines import set_value
 from stadimeter.errors import ConfigError
 
 TEXT = """# the door

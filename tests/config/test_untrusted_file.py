@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import stadimeter
-from stadimeter.config.untrusted_file import is_file, lines_of, open_untrusted, read_untrusted, read_untrusted_text
+from stadimeter.config.files import is_file, lines_of, open_untrusted, read_untrusted, read_untrusted_text
 from stadimeter.errors import UnreadableError
 
 

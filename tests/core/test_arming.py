@@ -6,11 +6,10 @@ from msgspec.structs import replace
 from stadimeter.core.command import TwistCommand
 from stadimeter.core.decision import EventKind, SafetyMode, Severity
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault
-from stadimeter.core.operator import HoldCommand, OperatorCommand
+from stadimeter.core.persistence import reload
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety
-from stadimeter.core.reload import reload
 from stadimeter.core.rule import FollowRule, RampRule
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import HoldCommand, OperatorAction, OperatorCommand
 from support.observing import Rehearsal, measured
 
 PLAN = Plan(

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from stadimeter.core.command import BaseReport, TwistCommand
-from stadimeter.core.ego_motion import EgoMotion
+from stadimeter.core.liveness import EgoMotion
 
 
 def driven(

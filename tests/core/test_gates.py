@@ -11,13 +11,11 @@ from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import EventKind, RuleStatus, Severity
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
-from stadimeter.core.operator import OperatorCommand
-from stadimeter.core.persistence import restore_alarms, snapshot_alarms
+from stadimeter.core.persistence import reload, restore_alarms, snapshot_alarms
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
-from stadimeter.core.reload import reload
 from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule, RampRule, Send, Template
 from stadimeter.core.rules.explaining import explain
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import OperatorAction, OperatorCommand
 from support.observing import measured, missed
 
 BY_NIGHT = ScheduleCondition(from_s=79200.0, to_s=21600.0)

@@ -10,10 +10,10 @@ from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import SafetyMode, Severity
 from stadimeter.core.holding import HOLD_S
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault
-from stadimeter.core.operator import HoldCommand
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety
 from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule
 from stadimeter.core.rules.explaining import explain
+from stadimeter.operator_actions import HoldCommand
 from support.observing import Rehearsal, measured
 
 NEAR = AlarmRule(name="near", target="ball", output="motor", condition=DistanceCondition(below=1.0))

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from stadimeter.core.camera_pose import Mounting, MountingStatus, step_mounting
 from stadimeter.core.decision import EventKind
-from stadimeter.core.operator import OperatorCommand
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import OperatorAction, OperatorCommand
 
 TURNED = Mounting(status=MountingStatus.UNCONFIRMED, reason="turned by 0.31°")
 CONFIRM = OperatorCommand(id="1", action=OperatorAction.CONFIRM_MOUNTING, by="zoe", why="aimed at the gate")

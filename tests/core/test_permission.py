@@ -10,12 +10,11 @@ from msgspec.structs import replace
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.of_rules import RuleCondition
 from stadimeter.core.decide import decide, initial_state
-from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.outputs import safe_command
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule, Pattern, RampRule, Send, Template
 from stadimeter.core.safety import could_let_act
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import OperatorAction, OperatorCommand
 from support.random_runs import OUTPUTS, random_run
 
 NEAR = DistanceCondition(below=1.0)

@@ -15,8 +15,8 @@ from stadimeter.core.conditions.quantities import uncertain_of
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.measurement import Sighting, Track, TrackStatus
 from stadimeter.core.observation import FrameStamp, Observation
+from stadimeter.core.persistence import reload
 from stadimeter.core.plan import LevelOutput, Plan
-from stadimeter.core.reload import reload
 from stadimeter.core.rule import AlarmRule, RampRule
 from stadimeter.core.tracking.transverse import Viewpoint
 from support.conditions import compared, still

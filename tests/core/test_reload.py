@@ -6,8 +6,7 @@ from msgspec.structs import replace
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decision import EventKind
-from stadimeter.core.persistence import SnapshotChange, classify_change
-from stadimeter.core.reload import reload
+from stadimeter.core.persistence import SnapshotChange, classify_change, reload
 from stadimeter.core.rule import OnDelay
 from support.two_rules import FAR, NEAR, plan_of, rehearse
 

@@ -8,12 +8,10 @@ from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.summary import SLOTS, RememberedFigure, Summary, Window, step_summary
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
-from stadimeter.core.operator import OperatorCommand
-from stadimeter.core.persistence import restore_alarms, snapshot_alarms
+from stadimeter.core.persistence import reload, restore_alarms, snapshot_alarms
 from stadimeter.core.plan import Plan
-from stadimeter.core.reload import reload
 from stadimeter.core.rule import ALWAYS, AlarmRule, EscalationStep, ReportRule, Send, Template
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import OperatorAction, OperatorCommand
 from support.observing import measured
 
 STEP_S = 0.1

@@ -17,8 +17,7 @@ from stadimeter.core.conditions.of_rules import RuleCondition
 from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Severity
-from stadimeter.core.persistence import SnapshotChange, classify_change, restore_alarms, snapshot_alarms
-from stadimeter.core.reload import reload
+from stadimeter.core.persistence import SnapshotChange, classify_change, reload, restore_alarms, snapshot_alarms
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.rules.explaining import explain
 from support.conditions import closing, direction

@@ -7,12 +7,11 @@ from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import EventKind, SafetyMode, Severity
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault
-from stadimeter.core.operator import HoldCommand, OperatorCommand
+from stadimeter.core.persistence import reload
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety
-from stadimeter.core.reload import reload
 from stadimeter.core.rule import AlarmRule, FollowRule
 from stadimeter.core.rules.explaining import explain
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import HoldCommand, OperatorAction, OperatorCommand
 from support.observing import Rehearsal, measured
 
 NEAR = AlarmRule(

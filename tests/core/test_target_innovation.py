@@ -8,8 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.core.command import TwistCommand
-from stadimeter.core.ego_motion import EgoMotion
-from stadimeter.core.liveness import FALSE_ALARM, TargetInnovation, step_innovation
+from stadimeter.core.liveness import FALSE_ALARM, EgoMotion, TargetInnovation, step_innovation
 from support.each_case import each_case
 from support.observing import measured
 

@@ -12,8 +12,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.command import BaseReport, TwistCommand
 from stadimeter.core.decide import decide, initial_state
-from stadimeter.core.ego_motion import EgoMotion
-from stadimeter.core.liveness import step_innovation
+from stadimeter.core.liveness import EgoMotion, step_innovation
 from stadimeter.core.measurement import Sighting
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import BaseOutput, Plan

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.detectors.ball.circles import find_common_circle
+from stadimeter.detectors.ball.blobs import find_common_circle
 
 pytestmark = pytest.mark.vision
 

@@ -19,7 +19,7 @@ from stadimeter.config.plugins import DETECTORS, DriverChoice, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame, Image
-from stadimeter.workbench.calibration.distance_fit import DistanceFit, fit_distances, look_at_distance, remedy_words
+from stadimeter.workbench.calibration.live_distance import DistanceFit, fit_distances, look_at_distance, remedy_words
 from stadimeter.workbench.measuring import remedies_for
 from support.each_case import each_case
 from support.scenes import hard_flats

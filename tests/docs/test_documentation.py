@@ -20,8 +20,8 @@ from pydantic import BaseModel
 from stadimeter.cli.main import app
 from stadimeter.config import models as config_models
 from stadimeter.config import rule_test_tables, rules
+from stadimeter.config.camera_file import stereo_file_text
 from stadimeter.config.loader import load_configuration
-from stadimeter.config.stereo_file import stereo_file_text
 from stadimeter.core import templates
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.rule_tests.running import run_rule_test

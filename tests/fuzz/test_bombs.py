@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.cameras.picture import load_picture
-from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
+from stadimeter.cameras.image_files import load_picture
+from stadimeter.config.files import CONFIGURATION_MAX_BYTES
 from stadimeter.errors import PictureError
 
 MEMORY_MAX_KB = 300_000

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.cameras.picture import load_picture
-from stadimeter.config.untrusted_file import PICTURE_MAX_PIXELS
+from stadimeter.cameras.image_files import load_picture
+from stadimeter.config.files import PICTURE_MAX_PIXELS
 from stadimeter.errors import PictureError
 from stadimeter.workbench.picture_metadata import read_lens_settings
 

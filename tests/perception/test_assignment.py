@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.perception.several import assign
+from stadimeter.perception.perceiver import assign
 
 UNASSIGNED = 50.0
 COSTS = st.one_of(st.floats(-60, 60), st.integers(0, 3).map(float), st.just(math.inf))

@@ -10,8 +10,15 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import CalibrationError
-from stadimeter.perception.background import keep_still, look_at
-from stadimeter.perception.mounting import MIN_ROTATION_RAD, ROBOT_CHECKS, MountingJudge, MountingLimits, limits_for
+from stadimeter.perception.mounting import (
+    MIN_ROTATION_RAD,
+    ROBOT_CHECKS,
+    MountingJudge,
+    MountingLimits,
+    keep_still,
+    limits_for,
+    look_at,
+)
 from stadimeter.ranging.view_motion import ViewMotion, fit_view_motion
 from support.watched_room import FOCAL_PX, LENS, LIGHT_AGAIN_AT, Pose, WatchedRoom
 

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from stadimeter.core.frame import Frame
 from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.detectors.tag import TagDetector, TagOptions
-from stadimeter.perception.locating import MOVED_FRAMES, CameraLocator
+from stadimeter.perception.prediction import MOVED_FRAMES, CameraLocator
 from support.scenes.placed import CAMERA, moved, placed_scene
 from support.scenes.render import render
 

@@ -11,8 +11,7 @@ from msgspec.structs import replace
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection
 from stadimeter.errors import CalibrationError
-from stadimeter.ranging.calibration import KnownDistance
-from stadimeter.ranging.calibration_check import CalibrationCheck, check_calibration, split_outliers
+from stadimeter.ranging.calibration import CalibrationCheck, KnownDistance, check_calibration, split_outliers
 from stadimeter.ranging.flat import SheetShape
 
 PAPER = SheetShape(width_m=0.297, height_m=0.21)

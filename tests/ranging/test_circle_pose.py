@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.ranging.circle_pose import circle_poses, cone_through
+from stadimeter.ranging.flat import circle_poses, cone_through
 from support.scenes.plane import Pose
 
 pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]

@@ -9,7 +9,7 @@ import pytest
 from stadimeter.core.detection import Detection
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.flat import SheetShape, TagShape
-from stadimeter.ranging.floor_pose import camera_above, mean_of
+from stadimeter.ranging.floor import camera_above, mean_of
 from support.corners import detection_of_corners
 from support.scenes.draw import CAMERA, TAG_M
 from support.scenes.on_floor import OnFloorScene, tag_lying

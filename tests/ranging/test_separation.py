@@ -10,9 +10,8 @@ from msgspec.structs import replace
 from stadimeter.core.camera_model import CameraModel, LensUncertainty
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.ranging.flat import TagShape
-from stadimeter.ranging.measure import measure
+from stadimeter.ranging.measure import SeenTarget, direction_sigmas_rad, measure, separation
 from stadimeter.ranging.plane_pose import rectangle
-from stadimeter.ranging.separation import SeenTarget, direction_sigmas_rad, separation
 from support.corners import detection_of_corners
 
 LENS = CameraModel(

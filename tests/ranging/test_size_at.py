@@ -11,8 +11,7 @@ from msgspec.structs import replace
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection
 from stadimeter.ranging.ball import BallShape
-from stadimeter.ranging.measure import measure, sigma_parts
-from stadimeter.ranging.size_at import DRAWN_SIGMA_PX, DrawnBox, box_size_at, size_at
+from stadimeter.ranging.measure import DRAWN_SIGMA_PX, DrawnBox, box_size_at, measure, sigma_parts, size_at
 
 
 @pytest.mark.parametrize("taken_for_m", [0.05, 0.2])

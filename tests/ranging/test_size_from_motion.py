@@ -13,8 +13,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.flat import DiscShape, SheetShape, TagShape
-from stadimeter.ranging.measure import measure
-from stadimeter.ranging.separation import SeenTarget
+from stadimeter.ranging.measure import SeenTarget, measure
 from stadimeter.ranging.size_from_motion import StepErrors, StepView, learn_size, view_of
 
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)

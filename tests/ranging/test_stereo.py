@@ -15,8 +15,7 @@ from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.core.stereo_rig import UNKNOWNS, StereoRig, with_uncertainties
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.flat import DiscShape, SheetShape, TagShape
-from stadimeter.ranging.measure import measure
-from stadimeter.ranging.separation import SeenTarget
+from stadimeter.ranging.measure import SeenTarget, measure
 from stadimeter.ranging.stereo import measure_pair, straight_ahead_share, triangulate
 from support.scenes.ball import BallTarget
 from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget

@@ -10,8 +10,8 @@ import pytest
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.ranging.flat import UprightShape
 from stadimeter.ranging.measure import measure, sigma_parts
-from stadimeter.ranging.upright import UprightShape
 
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
 BENT = CameraModel(

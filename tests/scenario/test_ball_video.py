@@ -3,7 +3,7 @@
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.guard import LeasedOutput
 from stadimeter.app.loop import Loop
 from stadimeter.app.recordings.journal import JournalWriter, read_journal, to_be_recorded
 from stadimeter.app.recordings.recorder import Recorder

@@ -2,7 +2,7 @@
 
 import pytest
 
-from stadimeter.app.leased_output import REST_S, RESTING
+from stadimeter.app.guard import REST_S, RESTING
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import SafetyMode
 

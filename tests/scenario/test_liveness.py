@@ -9,8 +9,7 @@ import pytest
 
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import EventKind, SafetyMode
-from stadimeter.core.operator import OperatorCommand
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import OperatorAction, OperatorCommand
 
 ROOM = """
 [camera]

@@ -14,7 +14,7 @@ from scenario.prove import staging
 from scenario.prove.faults import PlannedFault
 from scenario.prove.proof import MOMENTS_S, Proof, prove, sequences
 from scenario.prove.staging import stage
-from stadimeter.app import capture, leased_output
+from stadimeter.app import capture, guard
 from stadimeter.bases import pan_servo, serial_base, waveshare_ugv
 from stadimeter.bases.differential_drive import WheelSpeeds
 from stadimeter.config.loader import load_configuration
@@ -51,7 +51,7 @@ def ignore_the_age_of_frames(patch: pytest.MonkeyPatch) -> None:
 
 
 def never_end_a_lease(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(leased_output.LeasedOutput, "_is_stale", lambda *_: False)
+    patch.setattr(guard.LeasedOutput, "_is_stale", lambda *_: False)
 
 
 def take_any_picture_for_new(patch: pytest.MonkeyPatch) -> None:
@@ -59,7 +59,7 @@ def take_any_picture_for_new(patch: pytest.MonkeyPatch) -> None:
 
 
 def recover_without_rest(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(leased_output, "REST_S", 0.0)
+    patch.setattr(guard, "REST_S", 0.0)
 
 
 def stay_armed(patch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from stadimeter.app.bootstrap import Parts
 from stadimeter.app.capture import LiveCapture
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.cycle import Cycle
-from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.guard import LeasedOutput
 from stadimeter.app.loop import Loop
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel

@@ -9,9 +9,8 @@ from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.decision import Decision
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.observation import FrameStamp, Observation
-from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.plan import Plan
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import OperatorAction, OperatorAnswer, OperatorCommand
 
 
 def measured(

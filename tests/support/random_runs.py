@@ -15,10 +15,10 @@ from stadimeter.core.camera_pose import Mount
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Decision
 from stadimeter.core.observation import Observation
-from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.tracking.transverse import Viewpoint
+from stadimeter.operator_actions import OperatorCommand
 from support.random_conditions import TARGETS
 from support.random_rules import RandomRules
 from support.random_scenes import SETTING, RandomScene

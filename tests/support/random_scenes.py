@@ -10,8 +10,7 @@ from msgspec.structs import replace
 from stadimeter.core.command import BaseReport
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
-from stadimeter.core.operator import OperatorCommand
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import OperatorAction, OperatorCommand
 from support.observing import measured, missed
 from support.random_conditions import LIMIT_M, TARGETS
 

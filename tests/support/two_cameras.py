@@ -10,8 +10,8 @@ import numpy as np
 from stadimeter.app.bootstrap import Parts, build
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
+from stadimeter.config.camera_file import stereo_file_text
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.config.stereo_file import stereo_file_text
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.stereo_rig import UNKNOWNS, StereoRig, with_uncertainties
 

@@ -17,7 +17,6 @@ from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.schedule import DateSpan, ScheduleCondition
 from stadimeter.core.conditions.summary import RememberedFigure, Window
 from stadimeter.core.observation import MonthDay, Observation, WallTime
-from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import (
     ALWAYS,
@@ -31,7 +30,7 @@ from stadimeter.core.rule import (
     Template,
     gate_of,
 )
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import OperatorAction, OperatorCommand
 from support.conditions import compared
 from support.random_conditions import TARGETS
 from support.random_rules import RandomRules

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from stadimeter.config.untrusted_file import sha256_of
+from stadimeter.config.files import sha256_of
 from stadimeter.web.passwords import PasswordFile
 from stadimeter.workbench.saving import versions
 from support.browser import DESKTOP, PHONE, STILL, Served, served, tab, until

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stadimeter.core.frame import Image
-from stadimeter.workbench.picture_quality import blur_sigma_px, picture_remarks
+from stadimeter.workbench.picture_metadata import blur_sigma_px, picture_remarks
 
 pytestmark = pytest.mark.vision
 

@@ -14,8 +14,7 @@ from stadimeter.app.recordings.journal import JournalWriter, read_journal, to_be
 from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.workbench.rule_tests.inputs import sensor_models
-from stadimeter.workbench.rule_tests.running import RuleTestResult, run_rule_test
-from stadimeter.workbench.rule_tests.watches import Failure
+from stadimeter.workbench.rule_tests.running import Failure, RuleTestResult, run_rule_test
 from support import two_cameras
 from support.recordings import records_of
 from support.simulated_run import SIMULATED_BALL

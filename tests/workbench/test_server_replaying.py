@@ -13,8 +13,8 @@ from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decision import Decision
 from stadimeter.core.observation import Observation
-from stadimeter.workbench.replay import lanes
-from stadimeter.workbench.replay.lanes import SPANS_MAX, Lane
+from stadimeter.workbench.replay import comparison
+from stadimeter.workbench.replay.comparison import SPANS_MAX, Lane
 from stadimeter.workbench.server.operations import Desk, find_operation
 from support.observing import Rehearsal
 from support.saves import CONFIGURATION, LENS
@@ -80,8 +80,8 @@ def test_a_long_recording_is_answered_in_parts_which_come_to_the_same(
     at_once = diff(desk, AFTER)
     desk.kept.clear()
     ticks = iter(range(100_000))
-    monkeypatch.setattr(lanes.time, "monotonic", lambda: next(ticks) / 1000)
-    monkeypatch.setattr(lanes.SideBySide.go_on, "__defaults__", (lanes.time.monotonic,))
+    monkeypatch.setattr(comparison.time, "monotonic", lambda: next(ticks) / 1000)
+    monkeypatch.setattr(comparison.SideBySide.go_on, "__defaults__", (comparison.time.monotonic,))
     shares = []
     while not shares or shares[-1] < 1:
         part = diff(desk, AFTER, for_s=0.1)
@@ -95,7 +95,7 @@ def test_two_who_compare_at_once_both_come_to_the_end_also_while_the_recording_g
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ticks = iter(range(100_000))
-    monkeypatch.setattr(lanes.SideBySide.go_on, "__defaults__", (lambda: next(ticks) / 1000,))
+    monkeypatch.setattr(comparison.SideBySide.go_on, "__defaults__", (lambda: next(ticks) / 1000,))
     recording = desk.configuration.parent / "recordings" / "walk.jsonl"
     line = recording.read_bytes().splitlines(keepends=True)[-1]
     shares = {BEFORE: [0.0], AFTER: [0.0]}

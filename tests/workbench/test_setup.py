@@ -14,11 +14,11 @@ from stadimeter.config.units import parse_length, split_spread
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError, ConfigError
-from stadimeter.workbench.setup.base_steps import BaseStep, option_steps
 from stadimeter.workbench.setup.camera_step import table_of
 from stadimeter.workbench.setup.files import base_table, configuration_files
 from stadimeter.workbench.setup.interview import Interview, load_answers, save_answers
 from stadimeter.workbench.setup.question import Known
+from stadimeter.workbench.setup.wish_steps import BaseStep, option_steps
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.render import render

@@ -7,11 +7,11 @@ import pytest
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.rule import OnDelay
 from stadimeter.workbench.replay.replay import read_recording
-from stadimeter.workbench.tuning import candidates as tuning_candidates
 from stadimeter.workbench.tuning import proposing as tuning
-from stadimeter.workbench.tuning.candidates import candidate_beginnings, rule_to_tune
+from stadimeter.workbench.tuning import trials as tuning_candidates
 from stadimeter.workbench.tuning.noise import noise_of, series_of
 from stadimeter.workbench.tuning.proposing import tune
+from stadimeter.workbench.tuning.trials import candidate_beginnings, rule_to_tune
 from support.noisy_journal import KnownNoise, write_noisy_journal
 
 CONFIGURATION = """

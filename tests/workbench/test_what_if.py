@@ -16,8 +16,7 @@ from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.decision import Decision
 from stadimeter.core.observation import Observation
-from stadimeter.workbench.replay.comparison import ReplayDiff, compare
-from stadimeter.workbench.replay.lanes import SideBySide
+from stadimeter.workbench.replay.comparison import ReplayDiff, SideBySide, compare
 from stadimeter.workbench.replay.replay import ReplayRun, read_recording
 from stadimeter.workbench.replay.what_if import KeptRecording, judged_apart
 from support.observing import Rehearsal

@@ -6,10 +6,9 @@ import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from stadimeter.config.gpio_header import GROUND, HEADER, POWER_3V3, POWER_5V
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import ACTUATORS, BASES, DriverChoice, DriverOptions, load_driver
-from stadimeter.config.units import Pin
+from stadimeter.config.units import GROUND, HEADER, POWER_3V3, POWER_5V, Pin
 from stadimeter.workbench.drawing import svg_of
 from stadimeter.workbench.wiring import find_outputs, wiring_picture, wiring_text
 

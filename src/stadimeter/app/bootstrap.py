@@ -14,8 +14,7 @@ from stadimeter.app.capture import Capture, SecondCapture, capture_for
 from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.app.cycle import Cycle
 from stadimeter.app.ending import SETTLE_S, Deadline, Steps, close_side_by_side
-from stadimeter.app.guard import Guard, StallWatch
-from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.guard import Guard, LeasedOutput, StallWatch
 from stadimeter.app.panel import PushButton, StatusLed
 from stadimeter.app.range_reader import RangeReader
 from stadimeter.cameras.protocol import Camera, ShowsOwnMotion
@@ -30,7 +29,7 @@ from stadimeter.perception.picture_flow import FlowMeter
 
 if TYPE_CHECKING:  # most runs have no tags of known places, and one camera
     from stadimeter.core.camera_model import CameraModel
-    from stadimeter.perception.locating import CameraLocator
+    from stadimeter.perception.prediction import CameraLocator
 
 
 class StagedWorld(Protocol):
@@ -182,7 +181,7 @@ def locator_of(configuration: Configuration) -> CameraLocator | None:
     """Build what finds where the camera is; None for a configuration without tags of known places."""
     if configuration.landmarks is None:
         return None
-    from stadimeter.perception.locating import CameraLocator  # noqa: PLC0415 - most runs have no such tags
+    from stadimeter.perception.prediction import CameraLocator  # noqa: PLC0415 - most runs have no such tags
 
     choice = configuration.drivers["landmarks",]
     context = DriverContext(name=choice.name, clock=SteppedClock(), camera_model=configuration.camera_model)

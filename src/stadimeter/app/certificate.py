@@ -17,11 +17,10 @@ from msgspec.structs import replace
 from stadimeter.app.certificate_stamp import CERTIFICATE, CONFIGURATION, FINGERPRINT, CertificateStamp, read_beside
 from stadimeter.app.detectors import build_detectors
 from stadimeter.app.exact_json import encode
-from stadimeter.config.atomic_file import write_all_atomically
+from stadimeter.config.files import sha256_of, write_all_atomically
 from stadimeter.config.findings import Finding
 from stadimeter.config.loader import Configuration
 from stadimeter.config.toml_lines import KeyPath
-from stadimeter.config.untrusted_file import sha256_of
 from stadimeter.core.camera_model import Provenance
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.figures import probability_below

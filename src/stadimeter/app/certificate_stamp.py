@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from msgspec import Struct
 
 from stadimeter.app.exact_json import decode
-from stadimeter.config.untrusted_file import JSON_MAX_BYTES, read_untrusted_text
+from stadimeter.config.files import JSON_MAX_BYTES, read_untrusted_text
 from stadimeter.errors import ConfigError, UnreadableError
 
 # The endings of the two files: the certificate, and what was measured for one that is not finished.

@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Struct
 
 from stadimeter.app.capture import Capture, SecondCapture
-from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.guard import LeasedOutput
 from stadimeter.app.range_reader import RangeReader
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import Footing, Mounting
@@ -23,15 +23,15 @@ from stadimeter.core.detection import Detection, RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, Track
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault, WallTime
-from stadimeter.core.operator import AnyCommand
 from stadimeter.core.safety import FROM_THE_FUTURE_S
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import DriverError
+from stadimeter.operator_actions import AnyCommand
 from stadimeter.perception.perceiver import Perceiver
 from stadimeter.perception.picture_flow import FlowMeter
 
 if TYPE_CHECKING:  # most runs have no tags of known places, and one camera
-    from stadimeter.perception.locating import CameraLocator
+    from stadimeter.perception.prediction import CameraLocator
     from stadimeter.perception.second_camera import SecondView
 
 # A cycle waits this long for a frame; without one it runs all the same, so that rules and safety see time pass.

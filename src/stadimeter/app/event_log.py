@@ -25,7 +25,7 @@ from msgspec import Struct
 
 from stadimeter.app.clock import local_now
 from stadimeter.app.places import state_directory
-from stadimeter.config.atomic_file import append_whole
+from stadimeter.config.files import append_whole
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Severity
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from stadimeter.app.guard import Guard, make_all_safe, retire_all
 from stadimeter.app.live.health import Board, live_health
 from stadimeter.app.live.history import RunHistory
 from stadimeter.app.messages import Reporter, health_figures, outgoing
-from stadimeter.config.untrusted_file import sha256_of
+from stadimeter.config.files import sha256_of
 from stadimeter.core.decide import State, initial_state
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
@@ -292,7 +292,7 @@ class Loop:
 
     def _reload(self, state: State, change: CheckedConfiguration) -> State:
         """Apply another configuration to every part; return the state with which the run goes on."""
-        from stadimeter.core.reload import reload  # noqa: PLC0415 - few runs are reloaded
+        from stadimeter.core.persistence import reload  # noqa: PLC0415 - few runs are reloaded
 
         parts, services, plan = self.parts, self.services, change.configuration.plan
         if services.service is not None:

@@ -24,16 +24,14 @@ from numpy.typing import NDArray
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.places import mounting_places
-from stadimeter.config.atomic_file import write_atomically
+from stadimeter.config.files import is_file, read_untrusted, write_atomically
 from stadimeter.config.loader import Configuration
-from stadimeter.config.untrusted_file import is_file, read_untrusted
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import MOUNTING, Mounting, MountingStatus
 from stadimeter.core.decision import EventKind
 from stadimeter.core.frame import Frame
 from stadimeter.errors import StadimeterError, StateError, UnreadableError
-from stadimeter.perception.background import FEATURE, BackgroundView, keep_still, look_at
-from stadimeter.perception.mounting import MountingJudge, limits_for
+from stadimeter.perception.mounting import FEATURE, BackgroundView, MountingJudge, keep_still, limits_for, look_at
 
 # The view of a camera that was saved: a file beside the configuration, written whole --------------
 #

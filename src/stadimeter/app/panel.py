@@ -25,16 +25,15 @@ from enum import Enum
 
 from stadimeter.actuators.protocol import Actuator, Button
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.guard import LeasedOutput
 from stadimeter.config.models import ButtonTable
 from stadimeter.core.clock import Clock
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.decision import Decision, RuleStatus, SafetyMode
 from stadimeter.core.measurement import TrackStatus
-from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.rule import Pattern
 from stadimeter.errors import DriverError
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import OperatorAction, OperatorCommand
 
 # Contacts bounce for a few milliseconds; a level counts when it has held for this long.
 PERIOD_S = 0.02

@@ -34,7 +34,7 @@ from msgspec import Struct
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.places import runtime_directory
-from stadimeter.config.atomic_file import holds, write_atomically
+from stadimeter.config.files import holds, write_atomically
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice, StopsByBytes, StopsByI2c, marked_options
 from stadimeter.config.units import PinMark, PortMark

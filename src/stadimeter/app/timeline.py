@@ -33,8 +33,7 @@ from stadimeter.app.control.recording import recordings_folder
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.event_log import ENDING, KeptPast
 from stadimeter.app.recordings.record_file import delete_old
-from stadimeter.config.atomic_file import append_whole
-from stadimeter.config.untrusted_file import JSON_MAX_BYTES, open_untrusted
+from stadimeter.config.files import JSON_MAX_BYTES, append_whole, open_untrusted
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.frame import Frame

@@ -26,12 +26,10 @@ from contextlib import suppress
 from itertools import count
 
 from stadimeter import watchdog
-from stadimeter.app.guard import make_all_safe
-from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.guard import LeasedOutput, make_all_safe
 from stadimeter.config.loader import Configuration
-from stadimeter.core.operator import AnyCommand, OperatorCommand
 from stadimeter.errors import DriverError
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import AnyCommand, OperatorAction, OperatorCommand
 
 # Without a limit in the configuration, a process that hangs is killed this long after the longest lease: the guard,
 # which wakes every 20 ms, has ended every command long before that if it can run at all.

@@ -46,8 +46,8 @@ from stadimeter.app.live.snapshot import (
 )
 from stadimeter.app.service import is_service
 from stadimeter.config.camera_file import camera_file_text
+from stadimeter.config.files import sha256_of
 from stadimeter.config.findings import did_you_mean_or_list
-from stadimeter.config.untrusted_file import sha256_of
 from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.alarms.state import Acknowledgement
 from stadimeter.core.camera_model import CameraModel

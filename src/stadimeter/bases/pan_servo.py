@@ -23,11 +23,11 @@ from msgspec.structs import replace
 from pydantic import Field, model_validator
 
 from stadimeter.bases.i2c_link import bus_number, i2c_lacks
-from stadimeter.bases.pca9685_chip import FULL, Channel, Pca9685, stop_writes
+from stadimeter.bases.pca9685 import FULL, Channel, Pca9685, stop_writes
 from stadimeter.config.plugins import PORTS, DriverContext, DriverOptions, I2cStop, OptionsTable, driver_names
 from stadimeter.config.units import Angle, Duration
 from stadimeter.core.command import BaseReport, TwistCommand
-from stadimeter.core.ego_motion import MAX_TRACK_WIDTH_M
+from stadimeter.core.liveness import MAX_TRACK_WIDTH_M
 from stadimeter.errors import DeviceClosedError
 
 # What every analogue servo is made for; digital ones take it too.

@@ -19,8 +19,14 @@ from typing import Annotated, ClassVar, Self
 from msgspec.structs import replace
 from pydantic import Field, PositiveInt, model_validator
 
-from stadimeter.bases.counts import TIMEOUT_UNIT_S, EncoderCounter, SerialTimeout, SpeedSteps
-from stadimeter.bases.differential_drive import DifferentialDrive, WheelSpeeds
+from stadimeter.bases.differential_drive import (
+    TIMEOUT_UNIT_S,
+    DifferentialDrive,
+    EncoderCounter,
+    SerialTimeout,
+    SpeedSteps,
+    WheelSpeeds,
+)
 from stadimeter.bases.serial_base import Baud, SerialBaseOptions
 from stadimeter.bases.serial_codec import Answers, BaseMessage, SerialCodec, WheelCommand
 from stadimeter.config.units import Duration, Length, Speed

@@ -20,8 +20,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from pydantic import model_validator
 
-from stadimeter.bases.counts import EncoderCounter, SpeedSteps
-from stadimeter.bases.differential_drive import DifferentialDrive, WheelSpeeds
+from stadimeter.bases.differential_drive import DifferentialDrive, EncoderCounter, SpeedSteps, WheelSpeeds
 from stadimeter.bases.serial_base import SerialBaseOptions
 from stadimeter.bases.serial_codec import Answers, BaseMessage, SerialCodec, WheelCommand
 from stadimeter.config.plugins import SerialStop

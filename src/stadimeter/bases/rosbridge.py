@@ -21,10 +21,10 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field
 
 from stadimeter.bases.differential_drive import Motion
-from stadimeter.bases.ros2_base import Ros2BaseOptions
-from stadimeter.bases.ros2_messages import (
+from stadimeter.bases.ros2_base import (
     BATTERY_TYPE,
     POSE_TYPE,
+    Ros2BaseOptions,
     TargetPose,
     battery_from_json,
     pose_json,

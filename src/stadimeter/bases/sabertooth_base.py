@@ -14,8 +14,13 @@ from typing import Annotated, ClassVar
 from msgspec.structs import replace
 from pydantic import Field
 
-from stadimeter.bases.counts import TIMEOUT_UNIT_S, SerialTimeout, SpeedSteps
-from stadimeter.bases.differential_drive import DifferentialDrive, WheelSpeeds
+from stadimeter.bases.differential_drive import (
+    TIMEOUT_UNIT_S,
+    DifferentialDrive,
+    SerialTimeout,
+    SpeedSteps,
+    WheelSpeeds,
+)
 from stadimeter.bases.serial_base import Baud, DutyBaseOptions
 from stadimeter.bases.serial_codec import Answers, BaseMessage, SerialCodec, WheelCommand
 from stadimeter.config.units import Duration

@@ -14,11 +14,10 @@ from typing import Annotated, ClassVar, Self
 from msgspec.structs import replace
 from pydantic import AfterValidator, Field, model_validator
 
-from stadimeter.bases.acknowledgements import Acknowledgements, Unacknowledged
 from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelSpeeds
+from stadimeter.bases.protocol import Acknowledgements, Unacknowledged
 from stadimeter.bases.serial_codec import Answers, BaseMessage, SerialCodec, WheelCommand
-from stadimeter.bases.serial_greeting import TAKES_EFFECT_S, Greeting
-from stadimeter.bases.serial_link import SerialLink, port_lacks
+from stadimeter.bases.serial_link import TAKES_EFFECT_S, Greeting, SerialLink, port_lacks
 from stadimeter.config.plugins import PORTS, DriverContext, DriverOptions, SerialStop, driver_names
 from stadimeter.config.units import Duration, Length, SerialPort, Speed
 from stadimeter.core.command import BaseReport, TwistCommand

@@ -18,8 +18,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field
 
 from stadimeter.bases.differential_drive import Motion
-from stadimeter.bases.ros2_base import Ros2BaseOptions
-from stadimeter.bases.ros2_messages import TargetPose, battery_from_cdr, pose_cdr, velocity_cdr
+from stadimeter.bases.ros2_base import Ros2BaseOptions, TargetPose, battery_from_cdr, pose_cdr, velocity_cdr
 from stadimeter.config.extras import missing
 from stadimeter.errors import DeviceOpenError, DriverUnavailableError, LinkLostError, ProtocolError
 

@@ -1,24 +1,239 @@
-"""A camera that shows picture files, one after the other."""
+"""Pictures from files: one, or a camera that shows them one after the other, at the times that a recording says."""
 
 from __future__ import annotations
 
 import glob
+import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from functools import lru_cache
 from itertools import islice, repeat
 from pathlib import Path
 from typing import Annotated
 
+from msgspec import Struct
 from pydantic import BeforeValidator, Field
 
-from stadimeter.cameras.picture import PICTURE_SUFFIXES, load_picture
-from stadimeter.cameras.recorded import RecordedCamera
+from stadimeter.config.camera_file import optics_in
+from stadimeter.config.files import (
+    HEAD_BYTES,
+    KINDS,
+    PICTURE_MAX_BYTES,
+    decode_picture,
+    is_picture,
+    is_video,
+    open_untrusted,
+    read_untrusted,
+)
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Duration, FilePath, Frequency
 from stadimeter.core.camera_model import check_one_aspect
 from stadimeter.core.clock import Clock
-from stadimeter.core.frame import Image
-from stadimeter.errors import CalibrationError, EndOfFramesError, PictureError
+from stadimeter.core.frame import Frame, Image, Optics, Subsampling
+from stadimeter.errors import CalibrationError, DeviceClosedError, EndOfFramesError, PictureError, UnreadableError
+
+# Reading one picture from a file --------------------------------------------------------------------------------------
+
+# Endings of the names of pictures in a folder, in lower case.
+PICTURE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
+
+_JPEG_START = b"\xff\xd8"
+_JPEG_LENGTHS = re.compile(rb"\xff+([^\x00\xff])")
+_FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_SCAN = 0xDA
+_BRIGHTNESS_AND_COLOUR = 3
+
+
+class Picture(Struct, frozen=True, kw_only=True, eq=False):
+    """A picture file."""
+
+    image: Image  # 8 bits a channel, blue first, shape ``(height, width, 3)``
+    subsampling: Subsampling  # how coarsely the file stores colour
+    optics: Optics | None = None  # how the camera was set, if the file says it
+
+
+def load_picture(path: Path | str) -> Picture:
+    """Read a picture as 8 bits a channel, blue first, shape ``(height, width, 3)``.
+
+    Grey pictures get three equal channels, the upper 8 of 16 bits are kept, and transparency is dropped: each pixel
+    keeps the colour that is stored for it. A picture whose EXIF data say that the camera was turned is turned upright.
+
+    A JPEG or PNG that was cut short is refused, and a JPEG that is damaged inside. OpenCV would fill the missing part,
+    and a target at the edge of that part would be measured.
+
+    Raises:
+        PictureError: The file is missing, empty, cut short, not a picture, or larger than is read; the message names it
+            and the cause.
+    """
+    path = Path(path)
+    file = _bytes_of(path)
+    try:
+        image = decode_picture(file)
+    except PictureError as error:
+        raise PictureError(f"the picture {path} {error}") from error
+    return Picture(image=image, subsampling=subsampling_of(file), optics=optics_in(file))
+
+
+def check_file(path: Path, kind: str) -> bytes:
+    """Return the first bytes of a regular file, enough for `is_picture`; `kind` names it in the message.
+
+    Raises:
+        PictureError: It is missing, a folder, a device or empty, or may not be looked at.
+    """
+    try:
+        with open_untrusted(path) as file:
+            head = file.read(HEAD_BYTES)
+    except UnreadableError as error:
+        raise PictureError(f"the {kind} {path} cannot be read: {error.reason}") from error
+    if not head:
+        raise PictureError(f"the {kind} {path} is empty: the file has no bytes")
+    return head
+
+
+def _bytes_of(path: Path) -> bytes:
+    # The beginning is looked at before the file is loaded: a video may be named by mistake.
+    head = check_file(path, "picture")
+    if is_video(head):
+        raise PictureError(
+            f"this is a video: {path}; `stadimeter measure` takes videos, and `stadimeter snapshot --live"
+            f" video,path={path} --count 10 -o FILE.png` takes pictures out of one"
+        )
+    if not is_picture(head):
+        raise PictureError(f"{path} is not a picture of a kind that is read: {KINDS}")
+    try:
+        return read_untrusted(path, PICTURE_MAX_BYTES)
+    except UnreadableError as error:
+        raise PictureError(f"the picture {path} cannot be read: {error.reason}") from error
+
+
+def subsampling_of(data: bytes) -> Subsampling:
+    """Find how coarsely a picture file stores colour, from its first bytes up to its pixels.
+
+    A JPEG says it in its frame header (ITU-T T.81, B.2.2): how many samples of each component a block has, brightness
+    first. Lossy WebP is always 4:2:0. All other kinds store every pixel.
+    """
+    if data.startswith(_JPEG_START):
+        return _of_jpeg(data)
+    return "4:2:0" if data.startswith(b"RIFF") and data[12:16] == b"VP8 " else "4:4:4"
+
+
+def _of_jpeg(data: bytes) -> Subsampling:
+    at = len(_JPEG_START)
+    while (marker := _JPEG_LENGTHS.match(data, at)) and marker[1][0] != _SCAN:
+        at = marker.end()
+        if marker[1][0] in _FRAME_HEADERS:
+            return _of_frame_header(data[at : at + 17])
+        at += int.from_bytes(data[at : at + 2], "big")
+    return "4:4:4"
+
+
+def _of_frame_header(header: bytes) -> Subsampling:
+    if len(header) < 17 or header[7] != _BRIGHTNESS_AND_COLOUR:
+        return "4:4:4"
+    brightness, *colours = (divmod(header[9 + 3 * component], 16) for component in range(3))
+    across, down = (max(brightness[axis] // max(colour[axis], 1) for colour in colours) for axis in (0, 1))
+    if (across, down) <= (1, 1):
+        return "4:4:4"
+    return "4:2:2" if (across, down) == (2, 1) else "4:2:0"
+
+
+# Base of cameras that play a recording: time passes as the recording says ---------------------------------------------
+
+
+class RecordedCamera(ABC):
+    """A camera that plays a recording, at a steady rate unless it knows the time of each frame.
+
+    The recording starts when the first frame is read: frame ``i`` was captured at ``start + i / rate``. Opening the
+    camera again plays it from the beginning, at later times and with sequence numbers that go on.
+
+    Args:
+        what: The recording in a word or two, for error messages.
+        loops: Whether it begins again after its last frame, while time goes on.
+    """
+
+    is_live = False  # every frame of a recording counts
+    remarks: tuple[str, ...] = ()  # there is no device that could refuse a setting
+    not_for_motion = ""  # the capture times are those of the recording
+
+    def __init__(self, what: str, clock: Clock, *, loops: bool = False) -> None:
+        self._what = what
+        self._clock = clock
+        self._loops = loops
+        self._has_frames = False
+        self._rate_hz: float | None = None
+        self._started_at_s: float | None = None
+        self._index = 0
+        self._played_s: float | None = None
+        self._delivered = 0
+        self._subsampling: Subsampling = "4:4:4"
+        self._optics: Optics | None = None
+
+    def open(self) -> None:
+        """Find the recording and go to its beginning.
+
+        Raises:
+            PictureError: It cannot be read.
+        """
+        self.close()
+        self._played_s = None
+        self._rate_hz = self._begin()
+        self._started_at_s = None
+        self._index = 0
+        self._has_frames = False
+
+    def read(self) -> Frame:
+        """Wait until the next frame is due and return it.
+
+        A frame that cannot be read raises once and is then passed over: the next call returns the one after it.
+
+        Raises:
+            DeviceClosedError: The camera is not open.
+            EndOfFramesError: There are no more frames.
+            PictureError: The recording is damaged at this point.
+        """
+        if self._rate_hz is None:
+            raise DeviceClosedError(f"{self._what}: the camera is not open; open it before reading from it")
+        if self._started_at_s is None:
+            self._started_at_s = self._clock.now_s()
+        steady_s = self._index / self._rate_hz
+        self._index += 1
+        image, source = self._next_or_first()
+        self._has_frames = True
+        captured_at_s = self._started_at_s + (steady_s if self._played_s is None else self._played_s)
+        self._clock.sleep_until_s(captured_at_s)
+        self._delivered += 1
+        return Frame(image, captured_at_s, self._delivered - 1, source, self._subsampling, self._optics)
+
+    def _next_or_first(self) -> tuple[Image, str]:
+        try:
+            return self._next()
+        except EndOfFramesError:
+            if not (self._loops and self._has_frames):  # one without a whole frame would be read for ever
+                raise
+        self._has_frames = False
+        self._end()
+        self._begin()
+        return self._next()
+
+    def close(self) -> None:
+        """Let go of the recording."""
+        self._rate_hz = None
+        self._end()
+
+    @abstractmethod
+    def _begin(self) -> float:
+        """Open the recording and return its frame rate in hertz."""
+
+    @abstractmethod
+    def _next(self) -> tuple[Image, str]:
+        """Return the next picture and where it came from; note in ``_played_s`` when it comes, if that is known."""
+
+    @abstractmethod
+    def _end(self) -> None:
+        """Close the recording, if it is open."""
+
+
+# A camera that shows picture files, one after the other ---------------------------------------------------------------
 
 # Pictures that `check` opens to compare their sizes: some seconds at most.
 CHECKED_MAX = 100

@@ -15,10 +15,9 @@ os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 import cv2
 import numpy as np
 
-from stadimeter.cameras.arrival_pace import BLIND_SETTLE_S, ArrivalPace
-from stadimeter.cameras.capture_time import DriverStamp, KernelTime, StreamTime
-from stadimeter.cameras.jpeg_stream import JpegStream
+from stadimeter.cameras.capture_time import BLIND_SETTLE_S, ArrivalPace, DriverStamp, KernelTime, StreamTime
 from stadimeter.cameras.live_camera import CapturedPicture, LiveCamera
+from stadimeter.cameras.mjpeg_stream import JpegStream
 from stadimeter.cameras.opencv_settings import (
     CaptureLike,
     OpenCvSettings,

@@ -12,11 +12,10 @@ import cv2
 import numpy as np
 from pydantic import Field
 
-from stadimeter.cameras.picture import check_file
-from stadimeter.cameras.recorded import RecordedCamera
+from stadimeter.cameras.image_files import RecordedCamera, check_file
+from stadimeter.config.files import PICTURE_MAX_PIXELS, is_picture
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import FilePath, Frequency
-from stadimeter.config.untrusted_file import PICTURE_MAX_PIXELS, is_picture
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image
 from stadimeter.errors import EndOfFramesError, PictureError

@@ -20,8 +20,7 @@ from stadimeter.cli.target_options import (
     targets_from_options,
 )
 from stadimeter.config.camera_file import load_camera_model
-from stadimeter.config.named_sizes import UNKNOWN_SIZE
-from stadimeter.config.units import LENGTHS_M, parse_quantity
+from stadimeter.config.units import LENGTHS_M, UNKNOWN_SIZE, parse_quantity
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.size_from_motion import LearntSize, StepErrors, StepView, Vector, learn_size
 from stadimeter.workbench.calibration.size_by_steps import SizeSession, parse_move

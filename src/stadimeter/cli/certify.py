@@ -15,8 +15,7 @@ from stadimeter.cli.target_options import parse_known_length
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.units import split_spread
 from stadimeter.errors import CalibrationError, ConfigError
-from stadimeter.workbench.certificate.page import MORE, describe_placement, summary_of
-from stadimeter.workbench.certificate.session import WATCH_S, SiteSession
+from stadimeter.workbench.certificate.session import MORE, WATCH_S, SiteSession, describe_placement, summary_of
 
 SKIP = "skip"
 

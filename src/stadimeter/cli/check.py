@@ -17,9 +17,9 @@ from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.app.this_computer import SERVICE_USER, become_service_user, warnings_here
 from stadimeter.cli.exits import MAX_SHOWN, WRONG, ConfigArgument, configuration_path, plain_errors
 from stadimeter.config.describe import describe
+from stadimeter.config.files import CONFIGURATION_MAX_BYTES, is_file, read_untrusted_text
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.schema import configuration_schema
-from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, is_file, read_untrusted_text
 from stadimeter.errors import ConfigError, Problem, UnreadableError
 
 Kind = Literal["error", "warning"]

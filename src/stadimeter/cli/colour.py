@@ -9,9 +9,8 @@ from typing import Annotated
 
 import typer
 
-from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, say_note
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, say_note, working
 from stadimeter.cli.measure_output import copy_paths
-from stadimeter.cli.progress import working
 from stadimeter.cli.target_options import LiveOption, camera_choice
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
@@ -27,8 +26,7 @@ from stadimeter.workbench.colour_aids import (
 )
 from stadimeter.workbench.frame_source import take_frame
 from stadimeter.workbench.measuring import open_picture
-from stadimeter.workbench.picture_metadata import profile_notes
-from stadimeter.workbench.picture_quality import picture_remarks
+from stadimeter.workbench.picture_metadata import picture_remarks, profile_notes
 from stadimeter.workbench.setup.colour_step import ball_colours
 
 COLOURLESS = "a ball without a colour of its own, such as a silver or a white one, is measured by its edge: give none"

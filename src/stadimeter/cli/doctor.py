@@ -16,9 +16,8 @@ from rich.console import Console
 from rich.text import Text
 
 import stadimeter
-from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, working
 from stadimeter.cli.layout import hang
-from stadimeter.cli.progress import working
 from stadimeter.config.extras import guide
 from stadimeter.core.words import one_line
 from stadimeter.errors import ConfigError

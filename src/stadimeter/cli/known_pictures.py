@@ -18,8 +18,7 @@ from stadimeter.core.camera_model import CameraModel, ToneCurve
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.calibration import Calibration, KnownDistance
 from stadimeter.workbench.calibration.board_session import today
-from stadimeter.workbench.calibration.distance_fit import look_at_distance, remedy_words
-from stadimeter.workbench.calibration.live_distance import APART_MIN, LiveDistance, Take
+from stadimeter.workbench.calibration.live_distance import APART_MIN, LiveDistance, Take, look_at_distance, remedy_words
 from stadimeter.workbench.frame_source import open_camera
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.picture_metadata import check_lens_settings, profile_notes

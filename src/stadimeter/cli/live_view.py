@@ -26,6 +26,7 @@ from stadimeter.cli.run_panels import (
     Block,
     event_lines,
     explanation_lines,
+    figure_rows,
     footer_line,
     header_lines,
     message_line,
@@ -33,9 +34,9 @@ from stadimeter.cli.run_panels import (
     note_lines,
     output_blocks,
     rule_blocks,
+    target_lines,
 )
 from stadimeter.cli.strip_chart import WINDOW_S
-from stadimeter.cli.target_panel import figure_rows, target_lines
 
 # The screen is drawn anew this often at most.
 REFRESH_S = 0.1

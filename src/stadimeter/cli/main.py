@@ -15,8 +15,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import stadimeter
-from stadimeter.cli.exits import WRONG, end_without_space
-from stadimeter.cli.progress import working
+from stadimeter.cli.exits import WRONG, end_without_space, working
 
 # Loading the libraries of a command is announced where it takes longer than on any computer but a small or busy one.
 SLOW_START_S = 1.0

@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from stadimeter.errors import ConfigError
+from stadimeter.workbench.measuring import is_video_file
+
+if TYPE_CHECKING:
+    from stadimeter.core.stereo_rig import StereoRig
+import json
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, TypeVar
+
 from msgspec import Struct, field
 from msgspec.structs import replace
 
 from stadimeter.app.detectors import NamedDetector, build_detectors
-from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, plain_errors, say_note
-from stadimeter.cli.formatting import LengthUnit
+from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, count_items, goes_to_file, plain_errors, say_note
+from stadimeter.cli.formatting import METRE, LengthUnit, format_distance
 from stadimeter.cli.measure_output import Printer, copy_paths, marks_of
-from stadimeter.cli.measure_pairs import StereoOption, load_rig
-from stadimeter.cli.measure_size import (
-    AtOption,
-    BoxOption,
-    check_box_alone,
-    measure_boxes,
-    parse_at,
-    print_size,
-    target_size,
-)
-from stadimeter.cli.progress import count_items, goes_to_file
 from stadimeter.cli.target_options import (
     ConfigOption,
     GivenTarget,
@@ -38,23 +37,149 @@ from stadimeter.cli.target_options import (
 )
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_driver
+from stadimeter.config.units import parse_known, parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import MeasurementStatus
-from stadimeter.errors import ConfigError, PictureError, Problem, StadimeterError
+from stadimeter.errors import PictureError, Problem, StadimeterError
+from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA
+from stadimeter.ranging.measure import DrawnBox, SizeAt, box_size_at, size_at
 from stadimeter.workbench.annotation import annotate, write_picture
 from stadimeter.workbench.colour_aids import colour_notes
 from stadimeter.workbench.measuring import (
     Measuring,
     PictureResult,
+    TargetResult,
     failed_results,
-    is_video_file,
     measure_picture,
+    open_picture,
     remedy_notes,
 )
 from stadimeter.workbench.picture_metadata import profile_notes
 
 if TYPE_CHECKING:
     from stadimeter.core.stereo_rig import StereoRig
+
+
+# ``measure --stereo``: the stereo file of two cameras, and what does not go with it -----------------------------------
+
+StereoOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--stereo",
+        metavar="FILE",
+        help="Measure with two cameras: their stereo file, made by `stadimeter calibrate stereo`.",
+    ),
+]
+
+
+def load_rig(file: Path, images: Sequence[Path], others: Mapping[str, object]) -> StereoRig:
+    """Read a stereo file; `ConfigError` for what does not go with it, too: other options, and videos."""
+    from stadimeter.config.camera_file import load_stereo_rig  # noqa: PLC0415 - one camera needs none
+
+    if given := [option for option, value in others.items() if value is not None]:
+        raise ConfigError(f"--stereo measures pairs of pictures with the lenses of its file; leave out {given[0]}")
+    if videos := [each for each in images if is_video_file(each)]:
+        raise ConfigError(
+            f"--stereo measures pairs of pictures, and {videos[0]} is a video; take its frames as pictures"
+        )
+    return load_stereo_rig(file)
+
+
+# ``measure --at``: how large what is seen is, if its distance is known; of a target, or of a box that is given --------
+
+AtOption = Annotated[
+    str | None,
+    typer.Option(
+        "--at",
+        metavar="DISTANCE",
+        help="Print how large the target is if it is that far away, such as 2m or '2m ± 1cm'; 1 % of it without ±.",
+    ),
+]
+BoxOption = Annotated[
+    str | None,
+    typer.Option(
+        "--box",
+        metavar="X,Y,W,H",
+        help="With --at: how large what fills this box is, in pixels, left top corner first. In place of a target.",
+    ),
+]
+
+
+def parse_at(text: str) -> tuple[float, float]:
+    """Read ``--at``; return the distance and its standard deviation in metres.
+
+    Raises:
+        ConfigError: It is no length above zero.
+    """
+    try:
+        at = parse_known(text, parse_length, parse_length)
+    except ValueError as error:
+        raise ConfigError([Problem(str(error), key="--at", hint="write it such as 2m or '2m ± 1cm'")]) from error
+    return at.value, DISTANCE_RELATIVE_SIGMA * at.value if at.sigma is None else at.sigma
+
+
+def parse_box(text: str) -> DrawnBox:
+    """Read ``--box``; `ConfigError` if it is no box."""
+    hint = "write it such as 120,80,200,150: left top corner, width and height"
+    try:
+        x_px, y_px, width_px, height_px = map(float, text.split(","))
+    except ValueError as error:
+        raise ConfigError([Problem(f"{text!r} is not four numbers", key="--box", hint=hint)]) from error
+    if not (0 <= x_px < 1e6 and 0 <= y_px < 1e6 and 0 < width_px < 1e6 and 0 < height_px < 1e6):
+        raise ConfigError([Problem(f"{text!r} is no box with a width and a height", key="--box", hint=hint)])
+    return DrawnBox(x_px, y_px, width_px, height_px)
+
+
+def check_box_alone(given: GivenTarget, config: Path | None) -> None:
+    """Raise a `ConfigError` where there is a target beside ``--box``."""
+    if any(value is not None and value != "auto" for value in given.values()) or config is not None:
+        raise ConfigError("--box is measured in place of a target; give one of them")
+
+
+def measure_boxes(
+    images: Sequence[Path], camera_file: Path | None, text: str, at: tuple[float, float] | None, *, as_json: bool
+) -> int:
+    """Print how large what fills a box is in each picture; return the exit code.
+
+    Raises:
+        ConfigError: Something that it needs is missing or wrong, or the box reaches out of a picture.
+        PictureError: A picture cannot be read.
+    """
+    if at is None:
+        raise ConfigError("--box has a size only at a known distance; add such as --at 2m")
+    if not images or camera_file is None:
+        raise ConfigError("--box needs pictures, and the camera file with --camera")
+    box, camera = parse_box(text), load_camera_model(camera_file)
+    for image in images:
+        frame = open_picture(image)
+        if box.x_px + box.width_px > frame.width_px or box.y_px + box.height_px > frame.height_px:
+            hint = f"the picture {image} has {frame.width_px}x{frame.height_px} px"
+            raise ConfigError([Problem("the box reaches out of the picture", key="--box", hint=hint)])
+        print_size(str(image), "box", box_size_at(box, camera.for_frame(frame), at), at[0], METRE, as_json=as_json)
+    return DONE
+
+
+def target_size(result: TargetResult, at: tuple[float, float]) -> SizeAt | None:
+    """Return the size of a target that was measured by its size; None for one that was not."""
+    seen, found = result.seen, result.detection
+    if seen is None or found is None or result.parts is None:
+        return None
+    measured = seen.measurement if result.floor is None else result.floor.by_size
+    return size_at(measured, result.parts, seen.shape, found.height_px > found.width_px, at)
+
+
+def print_size(file: str, name: str, size: SizeAt | None, at_m: float, unit: LengthUnit, *, as_json: bool) -> None:
+    """Print width and height, as a line or as an object."""
+    if as_json:
+        figures = {each: getattr(size, each, None) for each in SizeAt.__struct_fields__}
+        typer.echo(json.dumps({"file": file, "target": name, "at_m": at_m, **figures}))
+    elif size is None:
+        typer.echo(f"{file}  {name}  size at {format_distance(at_m, None, unit)}: unknown, it is not measured")
+    else:
+        width = format_distance(size.width_m, size.width_sigma_m, unit)
+        height = format_distance(size.height_m, size.height_sigma_m, unit)
+        typer.echo(f"{file}  {name}  at {format_distance(at_m, None, unit)}: {width} wide, {height} high")
+
 
 _T = TypeVar("_T")
 

@@ -24,8 +24,7 @@ from stadimeter.cli.formatting import (
 )
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.ranging.measure import SigmaParts
-from stadimeter.ranging.separation import Separation
+from stadimeter.ranging.measure import Separation, SigmaParts
 from stadimeter.workbench.annotation import Mark
 from stadimeter.workbench.measuring import PictureResult, TargetResult
 

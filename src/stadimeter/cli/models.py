@@ -7,8 +7,7 @@ from typing import Annotated, cast
 
 import typer
 
-from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
-from stadimeter.cli.progress import working
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, working
 from stadimeter.config.plugins import DETECTORS, load_driver
 from stadimeter.config.toml_source import as_toml
 from stadimeter.detectors.protocol import ExaminesNetwork, NetworkReport

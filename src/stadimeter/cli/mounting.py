@@ -25,7 +25,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError, ConfigError, EndOfFramesError, StateError
-from stadimeter.perception.background import look_at
+from stadimeter.perception.mounting import look_at
 from stadimeter.perception.perceiver import Perceiver
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S
 from stadimeter.workbench.run_camera import source_beside_run

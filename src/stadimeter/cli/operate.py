@@ -17,8 +17,8 @@ from stadimeter.app.certificate_stamp import certificate_status
 from stadimeter.app.control.client import ANSWER_WAIT_S, Instance, ask, describe_reload, find, introduce
 from stadimeter.app.places import running
 from stadimeter.cli.exits import plain_errors, read_option
+from stadimeter.config.files import CONFIGURATION_MAX_BYTES, read_untrusted_text, sha256_of
 from stadimeter.config.units import parse_duration
-from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text, sha256_of
 from stadimeter.core.words import rounded_duration
 from stadimeter.errors import ConfigError, ControlError, Problem, UnreadableError
 from stadimeter.operator_actions import OperatorAction

@@ -13,9 +13,8 @@ from msgspec import Struct
 
 from stadimeter.app.exact_json import plain
 from stadimeter.app.recordings.journal import Journal, JournalWriter
-from stadimeter.cli.exits import NOT_FOUND, plain_errors
-from stadimeter.cli.progress import working
-from stadimeter.config.untrusted_file import sha256_of
+from stadimeter.cli.exits import NOT_FOUND, plain_errors, working
+from stadimeter.config.files import sha256_of
 from stadimeter.core.decision import Event
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.comparison import (

@@ -25,8 +25,8 @@ from stadimeter.app.service import (
     write_safe_outputs,
 )
 from stadimeter.config.extras import missing
+from stadimeter.config.files import is_file
 from stadimeter.config.optional_tables import TIMELINE_S, TimelineTable
-from stadimeter.config.untrusted_file import is_file
 from stadimeter.operator_actions import OperatorAction
 
 if TYPE_CHECKING:

@@ -17,12 +17,11 @@ from pydantic import ValidationError
 
 from stadimeter.cli.exits import read_option
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit
+from stadimeter.config.files import is_file
 from stadimeter.config.findings import findings_of
-from stadimeter.config.named_sizes import paper_sides
 from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, load_driver
 from stadimeter.config.toml_source import camera_table, key_and_value
-from stadimeter.config.units import LENGTHS_M, parse_length, split_quantities
-from stadimeter.config.untrusted_file import is_file
+from stadimeter.config.units import LENGTHS_M, paper_sides, parse_length, split_quantities
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import Footing, Mount
 from stadimeter.errors import ConfigError, DriverNotFoundError, Problem

@@ -10,17 +10,16 @@ from typing import Annotated
 
 import typer
 
-from stadimeter.cli.exits import plain_errors
-from stadimeter.cli.progress import working
+from stadimeter.cli.exits import plain_errors, working
+from stadimeter.config.files import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.config.loader import load_configuration
-from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.core.words import figure_in_words
 from stadimeter.errors import ChangedMeanwhileError
 from stadimeter.workbench.rule_settings import alarm_named, settings_of
 from stadimeter.workbench.saving import save_files
 from stadimeter.workbench.server.teaching import answer_fields
 from stadimeter.workbench.teaching.lesson import Answer, Lesson, in_words
-from stadimeter.workbench.teaching.marks import FiringMark, parse_mark
+from stadimeter.workbench.teaching.search import FiringMark, parse_mark
 
 _Rule = Annotated[str, typer.Argument(metavar="RULE", help="The alarm.")]
 _Config = Annotated[Path, typer.Option("--config", metavar="CONFIG", help="The configuration with the alarm.")]

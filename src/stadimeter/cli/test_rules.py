@@ -13,12 +13,10 @@ from rich.text import Text
 
 from stadimeter.app.exact_json import plain
 from stadimeter.cli.check import prose_console
-from stadimeter.cli.exits import NOT_FOUND, WRONG, ConfigArgument, configuration_path, plain_errors
-from stadimeter.cli.progress import working
+from stadimeter.cli.exits import NOT_FOUND, WRONG, ConfigArgument, configuration_path, plain_errors, working
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.rule_test_tables import RuleTest
-from stadimeter.workbench.rule_tests.running import RuleTestResult, run_rule_test
-from stadimeter.workbench.rule_tests.watches import Failure
+from stadimeter.workbench.rule_tests.running import Failure, RuleTestResult, run_rule_test
 
 _EXAMPLE = """\
 [[tests]]

@@ -13,17 +13,16 @@ from rich.console import Console
 from rich.table import Table
 
 from stadimeter.app.recordings.journal import load_recorded
-from stadimeter.cli.exits import NOT_FOUND, plain_errors
-from stadimeter.cli.progress import working
+from stadimeter.cli.exits import NOT_FOUND, plain_errors, working
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import parse_duration, parse_speed
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.rule import OnDelay
 from stadimeter.core.words import rounded_duration
 from stadimeter.workbench.replay.replay import read_recording
-from stadimeter.workbench.tuning.candidates import Settings, Tuned, rule_to_tune
 from stadimeter.workbench.tuning.noise import Series, series_of
 from stadimeter.workbench.tuning.proposing import FLAPS_A_MINUTE, Beginning, Ending, Proposal, tune
+from stadimeter.workbench.tuning.trials import Settings, Tuned, rule_to_tune
 
 # A target that was at its threshold for this share of the time is reported: raises there look like false alarms.
 AT_THRESHOLD_TOLD = 0.05

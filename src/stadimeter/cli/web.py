@@ -15,11 +15,11 @@ from pydantic import ValidationError
 
 from stadimeter.cli.exits import plain_errors
 from stadimeter.config.extras import install_line
+from stadimeter.config.files import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.config.findings import findings_of, problems
 from stadimeter.config.models import WebTable
 from stadimeter.config.toml_source import parse_toml
 from stadimeter.config.units import validation_context
-from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.errors import ConfigError, PageError
 from stadimeter.web import python
 from stadimeter.web.passwords import PasswordFile, place_of_passwords

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from stadimeter.config.untrusted_file import SECRET_MAX_BYTES, read_untrusted_text
+from stadimeter.config.files import SECRET_MAX_BYTES, read_untrusted_text
 from stadimeter.errors import DeviceOpenError, UnreadableError
 
 # Stands in place of the secret parts of an address.

@@ -347,7 +347,7 @@ class _Reader:
             self._wrong_in_file(error, ("camera", "model"), f"the camera file {file}")
 
     def _stereo_file(self, file: Path) -> None:
-        from stadimeter.config.stereo_file import load_stereo_rig  # noqa: PLC0415 - most runs have one camera
+        from stadimeter.config.camera_file import load_stereo_rig  # noqa: PLC0415 - most runs have one camera
 
         try:
             self.draft.rig = load_stereo_rig(file, self.texts)

@@ -18,6 +18,7 @@ import stadimeter
 from stadimeter.config.cross_checks import error_findings
 from stadimeter.config.draft import BASE_NAME, ChosenDrivers, Draft, read_draft
 from stadimeter.config.driver_tables import CAMERA, MESSENGER, DriverKind, read_driver_table
+from stadimeter.config.files import CONFIGURATION_MAX_BYTES
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.models import (
     ActuatorTable,
@@ -34,7 +35,6 @@ from stadimeter.config.secrets import without_secrets
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import Texts, TomlSource, read_toml
 from stadimeter.config.units import validation_context
-from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import Footing, Landmarks, Mount
 from stadimeter.core.plan import Output, Plan

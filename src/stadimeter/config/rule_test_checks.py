@@ -9,6 +9,7 @@ from typing import Any
 
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.driver_tables import validate
+from stadimeter.config.files import is_file
 from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_list, format_value
 from stadimeter.config.rule_test_tables import (
     FRAMES_MAX,
@@ -25,7 +26,6 @@ from stadimeter.config.rule_test_tables import (
 )
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.units import validation_context
-from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.rule import AlarmRule
 

@@ -17,9 +17,9 @@ from typing import Any
 
 from msgspec import Struct
 
+from stadimeter.config.files import read_untrusted_text, size_text
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.toml_lines import STRINGS, KeyPath, SourceSpan, key_spans, syntax_error
-from stadimeter.config.untrusted_file import read_untrusted_text, size_text
 from stadimeter.core.bounds import MAX_PLAIN
 from stadimeter.errors import ConfigError, Problem, UnreadableError
 

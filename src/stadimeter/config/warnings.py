@@ -17,7 +17,6 @@ from stadimeter.config.analysis.schedules import schedule_warnings
 from stadimeter.config.analysis.writers import priority_warnings, shadow_warnings
 from stadimeter.config.draft import BASE_NAME, Draft, output_path
 from stadimeter.config.findings import Finding
-from stadimeter.config.gpio_header import TAKEN
 from stadimeter.config.loop_gain import loop_findings
 from stadimeter.config.plugins import RefusesMotion, StatesLatency, StopsByItself, marked_options
 from stadimeter.config.rule_test_checks import rule_test_warnings
@@ -26,7 +25,7 @@ from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.secrets import secret_warnings
 from stadimeter.config.toml_lines import KeyPath
-from stadimeter.config.units import PinMark, parse_speed
+from stadimeter.config.units import TAKEN, PinMark, parse_speed
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.distance import DistanceCondition

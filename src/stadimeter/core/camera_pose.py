@@ -9,8 +9,7 @@ from enum import StrEnum
 from msgspec import Struct
 
 from stadimeter.core.decision import Event, EventKind, Severity
-from stadimeter.core.operator import AnyCommand, OperatorAnswer, OperatorCommand
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import AnyCommand, OperatorAction, OperatorAnswer, OperatorCommand
 
 # The place of a camera on a robot, and of what it sees from there, in the axes of REP-103 -----------------------------
 

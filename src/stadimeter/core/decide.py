@@ -23,7 +23,6 @@ from stadimeter.core.holding import Hold, step_holds, with_holds
 from stadimeter.core.liveness import LivenessState, step_liveness, tell_plain_room
 from stadimeter.core.measurement import Measurement, TrackStatus
 from stadimeter.core.observation import SECOND_CAMERA, Observation, OutputFault
-from stadimeter.core.operator import HoldCommand, OperatorAnswer, OperatorCommand
 from stadimeter.core.outputs import OutputStep, command_all, forbidden_outputs, new_output
 from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.rules.explaining import Reasons
@@ -44,7 +43,7 @@ from stadimeter.core.sensor_fusion import fuse, step_disagreements
 from stadimeter.core.tracking.life_cycle import TrackState, after_gap, new_track, step_nearest
 from stadimeter.core.tracking.life_cycle import step as step_track
 from stadimeter.core.tracking.transverse import TransverseMotion, motions_for, step_motion
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import HoldCommand, OperatorAction, OperatorAnswer, OperatorCommand
 
 # The additions of a cycle to what is remembered over windows of time; see `stadimeter.core.conditions.summary` --------
 

@@ -9,7 +9,7 @@ from msgspec import Struct, field
 
 from stadimeter.core.command import Command
 from stadimeter.core.measurement import Track
-from stadimeter.core.operator import OperatorAnswer
+from stadimeter.operator_actions import OperatorAnswer
 
 
 class EventKind(StrEnum):

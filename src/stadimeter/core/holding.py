@@ -21,10 +21,10 @@ from collections.abc import Mapping, Sequence
 from msgspec import Struct
 
 from stadimeter.core.decision import Severity
-from stadimeter.core.operator import HoldCommand, OperatorAnswer
 from stadimeter.core.plan import BaseOutput, Output
 from stadimeter.core.rule import AnyRule, LevelRequest, Request, TwistRequest
 from stadimeter.core.rules.scheduler import Wanted
+from stadimeter.operator_actions import HoldCommand, OperatorAnswer
 
 # A hold that is not repeated ends after this long on the run's clock.
 HOLD_S = 0.5

@@ -7,7 +7,7 @@ from msgspec import Struct
 from stadimeter.core.camera_pose import CameraPose, Mounting
 from stadimeter.core.command import BaseReport
 from stadimeter.core.measurement import Measurement
-from stadimeter.core.operator import AnyCommand
+from stadimeter.operator_actions import AnyCommand
 
 
 class FlowSince(Struct, frozen=True, kw_only=True):

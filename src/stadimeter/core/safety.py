@@ -41,10 +41,9 @@ from msgspec.structs import replace
 from stadimeter.core.conditions.compounds import depends_on
 from stadimeter.core.decision import Event, EventKind, SafetyMode, Severity
 from stadimeter.core.observation import FrameStamp, Observation
-from stadimeter.core.operator import AnyCommand, OperatorAnswer, OperatorCommand
 from stadimeter.core.plan import BaseOutput, Plan, Safety
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, AnyRule, RampRule, conditions_of, gate_of
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import AnyCommand, OperatorAction, OperatorAnswer, OperatorCommand
 
 # Orders that could let an output act that would not act without them: what a sender needs to be trusted for -----------
 

@@ -22,14 +22,14 @@ from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 from pydantic import AfterValidator, Field, model_validator
 
-from stadimeter.config.plugins import DriverOptions
-from stadimeter.config.units import Duration, FilePath
-from stadimeter.config.untrusted_file import (
+from stadimeter.config.files import (
     CERTIFICATES_MAX_BYTES,
     SECRET_MAX_BYTES,
     read_untrusted,
     read_untrusted_text,
 )
+from stadimeter.config.plugins import DriverOptions
+from stadimeter.config.units import Duration, FilePath
 from stadimeter.core.home_assistant import DiscoveryPlace
 from stadimeter.core.message import AVAILABILITY, RETAINED, Message
 from stadimeter.errors import DeviceOpenError, UnreadableError

@@ -21,17 +21,253 @@ counts that shows nearly the same as the one before: a robot that stands before 
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Iterator
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 from msgspec import Struct, field
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.perception.background import MIN_FEATURES, MIN_INLIERS, NEAR, BackgroundComparison, BackgroundView
-from stadimeter.ranging.view_motion import ViewMotion
+from stadimeter.core.frame import Image
+from stadimeter.errors import CalibrationError
+from stadimeter.ranging.view_motion import ViewMotion, fit_view_motion
+
+# Things that stand still in a camera's view, and what they show of the camera: turned, zoomed or out of focus ---------
+#
+# A view is a few hundred ORB features (E. Rublee and others, "ORB: an efficient alternative to SIFT or SURF",
+# 2011), spread over the picture: directions, descriptors, and how sharp each one's surroundings are. No picture can
+# be made of them.
+#
+# Sharpness is the energy of the finest details divided by that of details of some 2 to 6 pixels. Light, shade and
+# exposure change both alike; a lens out of focus takes the finest first. The energies come from products of two
+# pictures of one moment, so that noise, which is new in each, has no part in their mean, by night as by day (see
+# `picture_flow`). How much a blur takes depends on what is seen: it is tried out on the picture itself when a view
+# is taken, which turns the ratio into pixels of blur.
+
+Plane = NDArray[np.float32]
+
+# Pictures are looked at with this width at most. All pixels here are of that size.
+WIDTH_MAX_PX = 640
+
+# The picture is divided so, and the cells give their features in turn, the strongest first: else a bookcase would give
+# all.
+CELLS_ACROSS, CELLS_DOWN, FEATURES_MAX = 8, 6, 480
+
+# The lowest difference of grey levels of a corner. A picture by night has few stronger ones.
+FAST_LEVELS = 8
+
+# A view with fewer features in fewer cells cannot be compared: a white wall has none, a wall with one picture too few.
+MIN_FEATURES, MIN_CELLS = 60, 8
+
+# With fewer agreeing matches nothing is concluded. Wrong matches agree by chance on a turn with 8 at most, but where a
+# bookcase makes many alike: those that agree are never this share of all.
+MIN_INLIERS, AGREEING_SHARE = 15, 0.35
+
+# A camera that hardly moved is looked for first: features within this of where they were, some 3 degrees. So few are
+# left to be confused that faint ones count too, and fewer that agree show that it looks the same way.
+NEAR, MIN_INLIERS_NEAR = 0.05, 8
+
+# Two descriptors of 256 bits of one feature differ by less, in another light too where it is looked for nearby. Those
+# of two features differ by 128 on average.
+HAMMING_MAX, HAMMING_MAX_NEAR = 64, 80
+
+# What is this near to a target is not background: its shadow, and its blur.
+RIM_PX = 10
+
+# What is seen beside a feature counts within this half width.
+SURROUNDINGS_PX = 6
+
+# Where two pictures of one moment correlate less, most is noise. In the dark some 7 of 480 features are left.
+ALIKE_MIN = 0.5
+
+# A feature stands still that moves by less than this from one moment to the next.
+STILL_PX = 1.5
+
+# Blur is tried out with this variance, in px².
+TRIED_BLUR_PX2 = 0.25
+
+MEDIAN_SIGMA_PER_MAD = 1.858
+
+# Of each feature: its direction in the axes of the camera as it was when it was saved, 256 bits, the logarithm of the
+# sharpness around it, and the cell of the picture.
+FEATURE = np.dtype([("place", "<f8", 2), ("bits", "u1", 32), ("sharpness", "<f4"), ("cell", "u1")])
+
+
+class BackgroundComparison(Struct, frozen=True, kw_only=True):
+    """The state of the camera as a view shows it, compared with an earlier one.
+
+    Attributes:
+        motion: How it moved.
+        blur_px2: By how much the variance of the blur grew, since the view that was saved.
+        blur_sigma_px2: Its standard deviation.
+    """
+
+    motion: ViewMotion
+    blur_px2: float
+    blur_sigma_px2: float
+
+    def in_words(self) -> str:
+        """Describe what differs, with standard deviations."""
+        return f"{self.motion.in_words()}, blur {self.blur_px2:+.2f} ± {self.blur_sigma_px2:.2f} px²"
+
+
+class BackgroundView(Struct, frozen=True, kw_only=True):
+    """The features of a view, ready for a file.
+
+    Attributes:
+        data: The features, each as `FEATURE`.
+        focal_px: The focal length at the resolution that is looked at.
+        blur_slope: How the median sharpness changes with the variance of the blur, per px²; below zero.
+        blur_px2: By how much its blur's variance differs from that of the view that was saved.
+    """
+
+    data: bytes
+    focal_px: float
+    blur_slope: float
+    blur_px2: float = 0.0
+
+    @property
+    def features(self) -> NDArray[Any]:
+        """The features, as an array of `FEATURE`."""
+        return np.frombuffer(self.data, FEATURE)
+
+    def compare(self, earlier: BackgroundView) -> BackgroundComparison | None:
+        """Find what differs from an earlier view; None if too few features agree."""
+        then, now = earlier.features, self.features
+        for within, fewest in ((NEAR, MIN_INLIERS_NEAR), (math.inf, MIN_INLIERS)):
+            theirs, ours = match_features(then, now, within)
+            least = max(fewest, round(AGREEING_SHARE * len(theirs)))
+            found = fit_view_motion(then["place"][theirs], now["place"][ours], self.focal_px, least)
+            if found is not None:
+                break
+        else:
+            return None
+        motion, agrees = found
+        sharpness = now["sharpness"][ours[agrees]] - then["sharpness"][theirs[agrees]]
+        middle = float(np.median(sharpness))
+        sigma = MEDIAN_SIGMA_PER_MAD * float(np.median(np.abs(sharpness - middle))) / motion.inliers**0.5
+        blur_px2, blur_sigma_px2 = middle / earlier.blur_slope, sigma / abs(earlier.blur_slope)
+        return BackgroundComparison(motion=motion, blur_px2=earlier.blur_px2 + blur_px2, blur_sigma_px2=blur_sigma_px2)
+
+
+def look_at(pictures: Sequence[Image], lens: CameraModel, hidden: Sequence[NDArray[np.float64]] = ()) -> BackgroundView:
+    """Return the view that some pictures of one moment show.
+
+    Args:
+        pictures: An even number. Every other one is averaged, and so are the others: two with noise of their own.
+        lens: The camera model at their resolution.
+        hidden: Outlines in their pixels of what does not belong to the background, such as targets.
+    """
+    planes, small = average_in_two(pictures, lens)
+    scale = small.width_px / lens.width_px
+    sharpness, alike = _sharpness(*planes)
+    mask = np.where(alike > ALIKE_MIN, 255, 0).astype(np.uint8)
+    cover(mask, hidden, scale, 0)
+    found, bits = _find_features(np.mean(planes, axis=0).astype(np.uint8), mask)
+    features, slope = np.zeros(len(found), FEATURE), -1.0
+    if found:
+        points = np.array([each.pt for each in found])
+        features["cell"], features["bits"] = [each.class_id for each in found], bits
+        blurred = [np.asarray(cv2.GaussianBlur(each, (0, 0), TRIED_BLUR_PX2**0.5), np.float32) for each in planes]
+        column, row = points.round().astype(np.intp).T
+        features["place"] = small.directions(points)
+        features["sharpness"] = sharpness[row, column]
+        change = float(np.median(_sharpness(*blurred)[0][row, column] - features["sharpness"]))
+        slope = min(change / TRIED_BLUR_PX2, -0.1)
+    return BackgroundView(data=features.tobytes(), focal_px=small.fx_px, blur_slope=slope)
+
+
+def average_in_two(pictures: Sequence[Image], lens: CameraModel) -> tuple[list[Plane], CameraModel]:
+    """Return the means of every other picture, in grey as they are looked at, and of the rest; and the lens for them.
+
+    Args:
+        lens: The camera model at the pictures' resolution.
+    """
+    scale = min(1.0, WIDTH_MAX_PX / lens.width_px)
+    size = (round(lens.width_px * scale), round(lens.height_px * scale))
+    greys = [
+        cv2.resize(cv2.cvtColor(each, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA) for each in pictures
+    ]
+    return [np.asarray(np.mean(greys[half::2], axis=0), np.float32) for half in (0, 1)], lens.scaled_to(*size)
+
+
+def cover(plane: NDArray[Any], hidden: Sequence[NDArray[np.float64]], scale: float, value: float) -> None:
+    """Draw a value over what does not belong to the background, and over a rim around it: outlines times a scale."""
+    for outline in hidden:
+        x, y, width, height = cv2.boundingRect((outline * scale).astype(np.float32))
+        cv2.rectangle(plane, (x - RIM_PX, y - RIM_PX), (x + width + RIM_PX, y + height + RIM_PX), value, -1)
+
+
+def keep_still(views: Sequence[BackgroundView]) -> BackgroundView:
+    """Keep what is in all of some views of a camera that stood still.
+
+    Raises:
+        CalibrationError: It is too little to be compared with later views; the message says what to do.
+    """
+    first, *others = views
+    features = first.features
+    for now in (each.features for each in others):
+        theirs, ours = match_features(features, now, NEAR)
+        shift_px = np.hypot(*(now["place"][ours] - features["place"][theirs]).T) * first.focal_px
+        features = features[theirs[shift_px < STILL_PX]]
+    cells = len(np.unique(features["cell"]))
+    if len(features) < MIN_FEATURES or cells < MIN_CELLS:
+        raise CalibrationError(
+            f"the view has {len(features)} features that stand still, in {cells} of {CELLS_ACROSS * CELLS_DOWN} parts "
+            f"of the picture; {MIN_FEATURES} in {MIN_CELLS} are needed. A plain wall or a dark room shows no movement "
+            "of the camera: give it light, and something with edges to see, such as a poster"
+        )
+    return replace(first, data=features.tobytes())
+
+
+def match_features(then: NDArray[Any], now: NDArray[Any], within: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return which features are the same, by their positions: each the nearest of the other.
+
+    Args:
+        within: How far apart their directions may be.
+    """
+    if not len(then) or not len(now):
+        return np.empty(0, np.intp), np.empty(0, np.intp)
+    # Bits that differ are those of either less twice those of both.
+    theirs, ours = (np.unpackbits(each["bits"], axis=1).astype(np.float32) for each in (then, now))
+    differing = theirs.sum(axis=1)[:, None] + ours.sum(axis=1) - 2 * theirs @ ours.T
+    for axis in (0, 1) if within < math.inf else ():
+        apart = then["place"][:, axis, None].astype(np.float32) - now["place"][:, axis].astype(np.float32)
+        differing[np.abs(apart) > within] = 256
+    most = HAMMING_MAX_NEAR if within < math.inf else HAMMING_MAX
+    nearest, back, one = differing.argmin(axis=1), differing.argmin(axis=0), np.arange(len(then))
+    is_mutual = (back[nearest] == one) & (differing[one, nearest] < most)
+    return one[is_mutual], nearest[is_mutual]
+
+
+def _find_features(grey: NDArray[np.uint8], mask: NDArray[np.uint8]) -> tuple[Sequence[cv2.KeyPoint], Any]:
+    """Return the strongest features of each cell, whose number is their class, and their descriptors."""
+    orb = cv2.ORB.create(nfeatures=4000, scaleFactor=1.2, nlevels=2, fastThreshold=FAST_LEVELS)
+    height_px, width_px = grey.shape
+    ranked: list[tuple[int, cv2.KeyPoint]] = []
+    stronger: Counter[int] = Counter()
+    for each in sorted(orb.detect(grey, mask), key=lambda each: -each.response):
+        column, row = int(each.pt[0] * CELLS_ACROSS // width_px), int(each.pt[1] * CELLS_DOWN // height_px)
+        each.class_id = column + CELLS_ACROSS * row  # which travels with it
+        ranked.append((stronger[each.class_id], each))
+        stronger[each.class_id] += 1
+    return orb.compute(grey, [each for _, each in sorted(ranked, key=lambda each: each[0])[:FEATURES_MAX]])
+
+
+def _sharpness(one: Plane, other: Plane) -> tuple[Plane, Plane]:
+    """Return at each pixel the logarithm of the sharpness, and how far two pictures of one moment correlate."""
+    near, far = ([cv2.GaussianBlur(each, (0, 0), sigma) for each in (one, other)] for sigma in (1.0, 3.0))
+    fine, coarse = ([a - b for a, b in zip(*each, strict=True)] for each in (((one, other), near), (near, far)))
+    pairs = (fine, coarse, coarse[:1] * 2, coarse[1:] * 2)
+    # A grey level of 0.1 is below all that noise leaves: no logarithm of nothing.
+    size = (2 * SURROUNDINGS_PX + 1,) * 2
+    of_fine, of_coarse, *alone = (np.maximum(cv2.boxFilter(a * b, -1, size), 0.01) for a, b in pairs)
+    return np.log(of_fine / of_coarse), of_coarse / np.sqrt(alone[0] * alone[1])
+
 
 # What is certain to be found by features at whole pixels, and no more than a camera needs: 0.12 degrees are a pixel of
 # 640 across 60 degrees, and shift a target at 3 m by 6 mm; a zoom by 0.5 % makes distances wrong by as much.

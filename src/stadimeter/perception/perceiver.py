@@ -8,7 +8,7 @@ plain sight elsewhere. So from time to time the whole frame is searched, as if n
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -16,21 +16,346 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import Footing
-from stadimeter.core.detection import Detection, Points, Prediction, TargetShape
+from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, TargetShape
 from stadimeter.core.frame import Frame, Optics
-from stadimeter.core.measurement import Measurement, Track
+from stadimeter.core.measurement import Measurement, Track, TrackStatus
 from stadimeter.detectors.protocol import Detector, TracksSeveral
-from stadimeter.perception.prediction import Expectations
-from stadimeter.perception.several import Several
+from stadimeter.perception.prediction import (
+    FLOOR_PX,
+    SEARCH_EVERY_S,
+    UNSEEN_MAX_S,
+    AngularMotion,
+    Expectations,
+    follow,
+    loose_radps,
+    predict,
+)
 from stadimeter.ranging.floor import stand
-from stadimeter.ranging.measure import measure, unmeasured
-from stadimeter.ranging.separation import SeenTarget
+from stadimeter.ranging.measure import SeenTarget, measure, unmeasured
 
 if TYPE_CHECKING:  # most runs have one camera
     from stadimeter.perception.second_camera import SecondView
 from collections import deque
 
 from msgspec import Struct, field
+
+# Several targets of one kind: one detector finds them all, and each keeps its slot for as long as it is followed ------
+#
+# In each frame every member that is followed is looked for where it is expected, the nearest first, as a single
+# target is. The detections are then shared out by place and size: of all ways the likeliest (`assign`). The whole
+# frame is searched once for all of them: once a second, more often while slots are free, and at once when a member
+# is gone.
+#
+# A member whose expected place is covered by a nearer one is hidden. It is not looked for, so that it cannot take
+# the other's detection, and its motion goes on: where it comes out again, it is the same one. After `REMEMBERED_S`,
+# or in a slot that a newcomer got meanwhile, it is forgotten.
+
+# Assignment: which detection belongs to which target, so that all of them together fit best ---------
+#
+# Each target by itself would take the detection that fits it best, and two would take the same one. Of all ways to
+# share them out the one of least total cost is found by shortest augmenting paths (H. W. Kuhn, "The Hungarian
+# method for the assignment problem", 1955; R. Jonker and A. Volgenant, "A shortest augmenting path algorithm",
+# 1987).
+
+
+def assign(costs: Sequence[Sequence[float]], unassigned: float) -> list[int | None]:
+    """Return for each row the column that it gets, or None; no column twice, and the total cost is the least.
+
+    Args:
+        costs: For each row the cost of each column; infinite for what must not be.
+        unassigned: The cost of a row without a column.
+    """
+    # Each row's best is a bound that no assignment can beat, so it is the answer unless two rows want the same column.
+    best = [min(range(len(row)), key=row.__getitem__, default=None) for row in costs]
+    best = [None if j is None or row[j] >= unassigned else j for j, row in zip(best, costs, strict=True)]
+    taken = [j for j in best if j is not None]
+    if len(set(taken)) == len(taken):
+        return best
+    columns = len(costs[0])
+    # A column more for each row stands for "unassigned".
+    padded = [[*row, *[unassigned] * len(costs)] for row in costs]
+    row_of = _shortest_paths(padded)
+    column_of = {row: j for j, row in enumerate(row_of) if row is not None and j < columns}
+    return [column_of.get(row) for row in range(len(costs))]
+
+
+def _shortest_paths(costs: Sequence[Sequence[float]]) -> list[int | None]:
+    """Return for each column the row that it is given to; every row gets one, and there are enough of finite cost."""
+    columns = range(len(costs[0]))
+    row_of: list[int | None] = [None] * len(columns)
+    # Prices: no cost less its row's and its column's price is below zero, and those of the pairs that are made are
+    # zero. So the cheapest change is a shortest path, and stays so after the prices have been raised along it.
+    row_price, column_price = [0.0] * len(costs), [0.0] * len(columns)
+    for start in range(len(costs)):
+        # Dijkstra's search from the new row to a free column, by way of columns whose rows would have to move on.
+        reach, via = [math.inf] * len(columns), [-1] * len(columns)
+        done: list[int] = []
+        row, so_far, column = start, 0.0, -1
+        while True:
+            for j in columns:
+                length = so_far + costs[row][j] - row_price[row] - column_price[j]
+                if j not in done and length < reach[j]:
+                    reach[j], via[j] = length, column
+            column = min((j for j in columns if j not in done), key=reach.__getitem__)
+            so_far = reach[column]
+            holder = row_of[column]
+            if holder is None:
+                break
+            done.append(column)
+            row = holder
+        row_price[start] += so_far
+        for j in done:
+            column_price[j] -= so_far - reach[j]
+            row_price[row_of[j] or 0] += so_far - reach[j]
+        # Along the path each row moves on to the next column, from the free one back to the new row.
+        while column != -1:
+            before = via[column]
+            row_of[column] = start if before == -1 else row_of[before]
+            column = before
+    return row_of
+
+
+# ----------------------------------------------------------------------------------------------------
+
+# With a free slot the whole frame is searched this often, so that a newcomer is seen soon.
+FREE_EVERY_S = 0.25
+
+# A detection whose place and size are further from what was expected than 4 standard deviations, all three together,
+# is of something else: of a member's own detections that is 1 in 1000.
+GATE2 = 16.0
+
+# Standard deviation of the apparent size, as a share of it: that of a ball half covered; something flat also turns.
+SIZE_SHARE, SIZE_SHARE_FLAT = 0.06, 0.3
+
+# Costs are −2 ln of likelihoods. The worst that the gate lets through is 16 + 4 ln 160 + 2 ln 60 = 44: no pair that is
+# possible costs more than a member left without.
+UNASSIGNED = 50.0
+
+# Of a ball that overlaps with a nearer one, the place errs by as much as this share of its size; of any other, by less.
+PLACE_SHARE, PLACE_SHARE_COVERED = 0.06, 0.15
+
+# Two detections whose centres are nearer than this share of the larger size are one thing.
+SAME_SHARE = 0.25
+
+
+class Several:
+    """Looks for the targets of one kind in one run."""
+
+    def __init__(self, names: Sequence[str], detector: TracksSeveral) -> None:
+        numbers = detector.numbers or (None,) * len(names)
+        self._slots = [_Slot(name, number) for name, number in zip(names, numbers, strict=True)]
+        self._detector = detector
+        self._searched_at_s = -math.inf
+
+    def look(self, frame: Frame, lens: CameraModel, tracks: Mapping[str, Track]) -> dict[str, Detection]:
+        """Look for all of them; return a detection for each name.
+
+        Args:
+            tracks: What is known of each, by name.
+        """
+        at_s, slots = frame.captured_at_s, self._slots
+        shape = self._detector.target_shape
+        expected = [slot.expect(tracks.get(slot.name), shape, lens, at_s) for slot in slots]
+        scan = _Scan(self._detector, frame, lens, slots, expected)
+        scan.look_near()
+        scan.share_out()
+        if self._is_due(at_s, expected) or scan.has_lost_one():
+            self._searched_at_s = at_s
+            scan.look_everywhere()
+            scan.share_out()
+            scan.let_newcomers_in()
+        return {slot.name: scan.answer(index, at_s) for index, slot in enumerate(slots)}
+
+    def _is_due(self, at_s: float, expected: Sequence[Prediction | None]) -> bool:
+        """Check whether the whole frame is to be searched; in time of capture, as for a single target."""
+        every_s = FREE_EVERY_S if None in expected else SEARCH_EVERY_S
+        return not 0 <= at_s - self._searched_at_s < every_s or not any(expected)
+
+
+class _Slot:
+    """The place of one member, and what is remembered of who is in it."""
+
+    def __init__(self, name: str, number: int | None) -> None:
+        self.name = name
+        self.is_fixed = number is not None
+        self.number = number
+        self.is_followed = False
+        self.is_new = False  # whether it was seen, and is not tracked yet
+        self.is_covered = False  # whether it overlaps with a nearer one
+        self._track: Track | None = None
+        self._motion: AngularMotion | None = None
+        self._seen: tuple[Detection, float] | None = None
+
+    def expect(self, track: Track | None, shape: TargetShape, lens: CameraModel, at_s: float) -> Prediction | None:
+        """Return where the member will appear; None if the slot is empty, or that is not known."""
+        self.is_followed = track is not None and track.is_valid
+        self.is_covered = self.is_new = False
+        motion = None if track is None else follow(self._motion, track)
+        if motion is not None:
+            self._track, self._motion = track, motion
+        if self._track is not None:
+            # A track that was lost behind another member goes on here: its figures are the last ones known.
+            kept = replace(self._track, status=TrackStatus.COASTING)
+            expected = predict(kept, shape, lens, at_s, self._motion, is_remembered=True)
+            if expected is not None:
+                return expected
+        if self._seen is not None and 0 <= at_s - self._seen[1] <= UNSEEN_MAX_S:
+            self.is_new = True
+            return _near_last(*self._seen, shape, lens, at_s)
+        return None
+
+    def take(self, found: Detection, at_s: float) -> None:
+        """Note what was found of the member."""
+        self._seen = (found, at_s)
+        if not self.is_fixed:
+            self.number = found.number
+
+    def clear(self) -> None:
+        """Forget who was here."""
+        self._track = self._motion = self._seen = None
+        if not self.is_fixed:
+            self.number = None
+
+
+class _Scan:
+    """Looks for the members in one frame."""
+
+    def __init__(
+        self,
+        detector: TracksSeveral,
+        frame: Frame,
+        lens: CameraModel,
+        slots: Sequence[_Slot],
+        expected: Sequence[Prediction | None],
+    ) -> None:
+        self._detector, self._frame, self._lens = detector, frame, lens
+        self._slots, self._expected = slots, expected
+        self._found: list[Detection] = []
+        self._of: list[int | None] = [None] * len(slots)  # for each slot, which of what was found is its member
+        self._why: dict[int, Detection] = {}  # for slots whose member was not found, what was seen instead
+        self._nothing: Detection | None = None
+
+    def look_near(self) -> None:
+        """Look for each member where it is expected, the nearest, so largest, first; not for one that is hidden."""
+        members = [(index, each) for index, each in enumerate(self._expected) if each is not None]
+        nearer: list[tuple[str, tuple[float, float], float]] = []  # name, centre and radius of those before
+        for index, each in sorted(members, key=lambda member: -member[1].size_px):
+            slot, radius_px = self._slots[index], each.size_px / 2
+            gaps_px = [(math.dist(each.centre_px, centre_px) - reach_px, name) for name, centre_px, reach_px in nearer]
+            gap_px, before = min(gaps_px, default=(math.inf, ""))
+            slot.is_covered = gap_px < radius_px
+            if gap_px < 0:  # its centre is covered: what is found there is the other one
+                reason = f"hidden behind {before}"
+                self._why[index] = Detection(target=slot.name, status=DetectionStatus.NOT_FOUND, reason=reason)
+                continue
+            found = self._detector.detect_near(self._frame, each, lens=self._lens)
+            if found.status is DetectionStatus.FOUND or (slot.is_followed and found.is_whole):
+                self._add(found)
+                nearer.append((slot.name, found.centre_px, _size_px(found) / 2))
+            else:
+                self._why[index] = found
+                if slot.is_followed:
+                    nearer.append((slot.name, each.centre_px, radius_px))
+
+    def look_everywhere(self) -> None:
+        """Search the whole frame."""
+        for found in self._detector.detect_all(self._frame, lens=self._lens):
+            if found.status is DetectionStatus.FOUND:
+                self._add(found)
+            elif self._nothing is None:
+                self._nothing = found
+
+    def share_out(self) -> None:
+        """Give each member the detection that is its own."""
+        members = [index for index, each in enumerate(self._expected) if each is not None]
+        costs = [[self._cost(index, found) for found in self._found] for index in members]
+        self._of = [None] * len(self._slots)
+        for index, which in zip(members, assign(costs, UNASSIGNED), strict=True):
+            self._of[index] = which
+
+    def has_lost_one(self) -> bool:
+        """Check whether a member that is followed or new is gone: not found, nor behind another one, nor cut off."""
+        return any(
+            (slot.is_followed or slot.is_new)
+            and self._of[index] is None
+            and self._expected[index] is not None
+            and not slot.is_covered
+            and not (index in self._why and self._why[index].status is DetectionStatus.TRUNCATED)
+            for index, slot in enumerate(self._slots)
+        )
+
+    def let_newcomers_in(self) -> None:
+        """Give what belongs to no member to free slots, the largest first; slots with none to remember go first."""
+        free = [index for index, slot in enumerate(self._slots) if self._of[index] is None and not slot.is_followed]
+        free.sort(key=lambda index: self._expected[index] is not None)
+        left = [index for index in range(len(self._found)) if index not in self._of]
+        for which in sorted(left, key=lambda index: -_size_px(self._found[index])):
+            number = self._found[which].number
+            fits = (index for index in free if not self._slots[index].is_fixed or self._slots[index].number == number)
+            slot = next(fits, None)
+            if slot is not None:
+                free.remove(slot)
+                self._slots[slot].clear()
+                self._of[slot] = which
+
+    def answer(self, index: int, at_s: float) -> Detection:
+        """Report what was found of a slot's member, or why it was not."""
+        slot, which = self._slots[index], self._of[index]
+        if which is not None:
+            slot.take(self._found[which], at_s)
+            return replace(self._found[which], target=slot.name)
+        if (why := self._why.get(index)) is not None:
+            return replace(why, target=slot.name)
+        if (nothing := self._nothing) is not None:
+            self._nothing = replace(nothing, rejected=())  # what was rejected is reported once
+            return replace(nothing, target=slot.name)
+        return Detection(target=slot.name, status=DetectionStatus.NOT_FOUND, reason="no other one is in sight")
+
+    def _add(self, found: Detection) -> None:
+        """Note a detection, unless it is one that is known already."""
+        if not any(_are_one(found, known) for known in self._found):
+            self._found.append(found)
+
+    def _cost(self, index: int, found: Detection) -> float:
+        """Return −2 ln of the likelihood that a detection is a slot's member; infinite beyond the gate.
+
+        A Gaussian of place (both ways) and size: the normalised squared distance, and the logarithm of the variances,
+        without which a member that may be anywhere would fit best everywhere.
+        """
+        expected, number = self._expected[index], self._slots[index].number
+        if expected is None or (number is not None and found.number != number):
+            return math.inf
+        if number is not None:
+            return -UNASSIGNED  # its number says so
+        size_px = expected.size_px
+        errs = PLACE_SHARE_COVERED if self._slots[index].is_covered else PLACE_SHARE
+        place_px = math.hypot(expected.sigma_px, errs * size_px)
+        # Along the line of sight it may have moved as far as across: as a share of the distance that is the angle.
+        moved = place_px / math.sqrt(self._lens.fx_px * self._lens.fy_px)
+        share = SIZE_SHARE_FLAT if self._detector.target_shape.has_corners else SIZE_SHARE
+        of_size_px = math.hypot(FLOOR_PX, size_px * share, size_px * moved)
+        off2 = (math.dist(expected.centre_px, found.centre_px) / place_px) ** 2
+        off2 += ((_size_px(found) - size_px) / of_size_px) ** 2
+        return off2 + 4 * math.log(place_px) + 2 * math.log(of_size_px) if off2 <= GATE2 else math.inf
+
+
+def _near_last(found: Detection, seen_at_s: float, shape: TargetShape, lens: CameraModel, at_s: float) -> Prediction:
+    """Return where what was seen once, and is not tracked yet, may be now."""
+    focal_px, size_px = math.sqrt(lens.fx_px * lens.fy_px), _size_px(found)
+    moved_rad = loose_radps(shape.longest_m * focal_px / size_px) * (at_s - seen_at_s)
+    sigma_px = math.hypot(FLOOR_PX, SIZE_SHARE * size_px, focal_px * moved_rad)
+    return Prediction(centre_px=found.centre_px, size_px=size_px, sigma_px=sigma_px)
+
+
+def _size_px(found: Detection) -> float:
+    return max(found.width_px, found.height_px, FLOOR_PX)
+
+
+def _are_one(one: Detection, other: Detection) -> bool:
+    if one.number != other.number:
+        return False
+    return math.dist(one.centre_px, other.centre_px) < SAME_SHARE * max(_size_px(one), _size_px(other))
+
 
 # Motion blur of the targets of a run, and the exposure that avoids it -------------------------------
 #

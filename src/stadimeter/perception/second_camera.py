@@ -32,8 +32,7 @@ from stadimeter.perception.prediction import (
     follow,
     loose_radps,
 )
-from stadimeter.ranging.measure import measure
-from stadimeter.ranging.separation import SeenTarget
+from stadimeter.ranging.measure import SeenTarget, measure
 from stadimeter.ranging.stereo import measure_pair
 
 # A pair whose target may have moved otherwise than expected by more than this share of the baseline is not used: at 12

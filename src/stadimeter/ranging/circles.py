@@ -18,8 +18,7 @@ from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Points, Reading, Values
-from stadimeter.ranging.circle_pose import circle_poses, cone_through
-from stadimeter.ranging.flat import FlatShape
+from stadimeter.ranging.flat import FlatShape, circle_poses, cone_through
 from stadimeter.ranging.similar_triangles import read_by_one_length
 
 # Corners of the triangle about its centre, as shares of its side: the circumscribed circle has the radius 1 / √3.

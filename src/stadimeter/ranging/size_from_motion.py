@@ -47,8 +47,7 @@ from msgspec import Struct
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Values
 from stadimeter.errors import CalibrationError
-from stadimeter.ranging.measure import sigma_parts
-from stadimeter.ranging.separation import SeenTarget, direction_sigma_px, moved_by_lens
+from stadimeter.ranging.measure import SeenTarget, direction_sigma_px, moved_by_lens, sigma_parts
 
 Vector = tuple[float, float, float]
 

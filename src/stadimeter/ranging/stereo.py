@@ -30,8 +30,7 @@ from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.stereo_rig import OF_LENS, OF_POSE, UNKNOWNS, StereoRig
 from stadimeter.core.words import metres
 from stadimeter.ranging.flat import DiscShape
-from stadimeter.ranging.measure import sigma_parts
-from stadimeter.ranging.separation import SeenTarget, direction_sigma_px
+from stadimeter.ranging.measure import SeenTarget, direction_sigma_px, sigma_parts
 
 # Size and triangulation that are further apart than this many standard deviations of their difference are said to
 # disagree: by chance that is one in 370.

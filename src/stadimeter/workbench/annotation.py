@@ -13,8 +13,8 @@ import numpy as np
 from msgspec import Struct, field
 from numpy.typing import NDArray
 
-from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.camera_file import with_optics
+from stadimeter.config.files import write_atomically
 from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
 from stadimeter.core.frame import Image, Optics
 from stadimeter.errors import PictureError, reason_of

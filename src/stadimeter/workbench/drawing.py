@@ -7,7 +7,7 @@ from itertools import groupby
 from pathlib import Path
 from xml.sax.saxutils import escape
 
-from stadimeter.config.atomic_file import write_atomically
+from stadimeter.config.files import write_atomically
 from stadimeter.core.drawing import WHITE, Circle, Drawing, Line, Rectangle, Shape, Text
 from stadimeter.errors import ConfigError, reason_of
 

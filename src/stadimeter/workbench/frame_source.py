@@ -20,7 +20,7 @@ from stadimeter.config.units import parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, ConfigError, EndOfFramesError
-from stadimeter.workbench.picture_quality import picture_remarks
+from stadimeter.workbench.picture_metadata import picture_remarks
 
 if TYPE_CHECKING:
     from stadimeter.app.bootstrap import StagedWorld

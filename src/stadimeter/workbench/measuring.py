@@ -17,8 +17,8 @@ from msgspec.structs import replace
 from stadimeter.app.clock import SteppedClock
 from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.cameras.protocol import Camera
+from stadimeter.config.files import holds_video, open_untrusted
 from stadimeter.config.plugins import CAMERAS, DriverChoice, DriverContext, load_driver
-from stadimeter.config.untrusted_file import holds_video, open_untrusted
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import Mount
 from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
@@ -26,11 +26,18 @@ from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.detectors.protocol import Detector, FindsSeveral, KnowsRemedies, Remedy, ShowsEdges, TracksSeveral
 from stadimeter.errors import PictureError, StadimeterError, UnreadableError
-from stadimeter.perception.perceiver import Perceiver
-from stadimeter.perception.several import Several
+from stadimeter.perception.perceiver import Perceiver, Several
 from stadimeter.ranging.floor import OnFloor, stand
-from stadimeter.ranging.measure import SigmaParts, measure, sigma_parts, unmeasured
-from stadimeter.ranging.separation import SeenTarget, Separation, direction_sigmas_rad, separation
+from stadimeter.ranging.measure import (
+    SeenTarget,
+    Separation,
+    SigmaParts,
+    direction_sigmas_rad,
+    measure,
+    separation,
+    sigma_parts,
+    unmeasured,
+)
 
 if TYPE_CHECKING:
     from stadimeter.workbench.frame_source import Source

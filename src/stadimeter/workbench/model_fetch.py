@@ -15,8 +15,7 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from stadimeter.config.atomic_file import write_atomically
-from stadimeter.config.untrusted_file import read_untrusted, size_text
+from stadimeter.config.files import read_untrusted, size_text, write_atomically
 from stadimeter.errors import DeviceOpenError, NotThereError, ProtocolError, reason_of
 
 # The wheel has 7 MB.

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from stadimeter.config.named_sizes import paper_sides
-from stadimeter.config.units import parse_length
+from stadimeter.config.units import paper_sides, parse_length
 from stadimeter.core.drawing import Drawing, Line, Shape, Text, black_cells
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.calibration.board_session import Board, CharucoBoard, Chessboard

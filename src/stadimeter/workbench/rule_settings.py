@@ -13,8 +13,7 @@ from msgspec import Struct
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.loader import Configuration
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
-from stadimeter.config.toml_edit import set_value
-from stadimeter.config.toml_lines import KeyPath
+from stadimeter.config.toml_lines import KeyPath, set_value
 from stadimeter.config.units import parse_any_quantity
 from stadimeter.core.alarms.settings import thresholds_of
 from stadimeter.core.conditions.compounds import named_leaves

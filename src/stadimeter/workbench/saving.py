@@ -19,9 +19,15 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from stadimeter.config.atomic_file import holds, write_all_atomically, write_atomically
+from stadimeter.config.files import (
+    CONFIGURATION_MAX_BYTES,
+    holds,
+    read_untrusted_text,
+    size_text,
+    write_all_atomically,
+    write_atomically,
+)
 from stadimeter.config.loader import is_demonstration
-from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text, size_text
 from stadimeter.errors import ConfigError, DemonstrationError, NotThereError, Problem, UnreadableError, reason_of
 
 # The folder of former versions, beside a configuration.

@@ -13,10 +13,9 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from stadimeter.config.gpio_header import GROUND, HEADER, POWER_3V3, POWER_5V, PULLED_UP_MAX, header_pin
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice, marked_options
-from stadimeter.config.units import PinMark
+from stadimeter.config.units import GROUND, HEADER, POWER_3V3, POWER_5V, PULLED_UP_MAX, PinMark, header_pin
 from stadimeter.core.drawing import BLACK, WHITE, Circle, Drawing, Line, Rectangle, Shape, Text
 
 

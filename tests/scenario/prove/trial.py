@@ -22,8 +22,7 @@ from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import JournalWriter, to_be_recorded
 from stadimeter.app.watchdog import WatchdogLink
 from stadimeter.config.plugins import DriverContext
-from stadimeter.core.operator import OperatorCommand
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import OperatorAction, OperatorCommand
 from stadimeter.watchdog.stops import TRIED_EVERY_S
 
 # The wheels are looked at this often, as the emulated port is served.

@@ -31,7 +31,7 @@ from collections.abc import Iterator
 from msgspec import Struct, field
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.leased_output import REST_S
+from stadimeter.app.guard import REST_S
 from stadimeter.core.command import TwistCommand
 from stadimeter.core.decision import SafetyMode
 from stadimeter.core.rule import ROUNDING_S

@@ -51,8 +51,8 @@ from stadimeter.config.optional_tables import BlackBoxTable
 from stadimeter.core.decide import State
 from stadimeter.core.decision import EventKind
 from stadimeter.core.frame import Frame
-from stadimeter.core.operator import OperatorCommand
 from stadimeter.errors import JournalError, StadimeterError
+from stadimeter.operator_actions import OperatorCommand
 
 if TYPE_CHECKING:
     from stadimeter.app.bootstrap import Parts

@@ -24,10 +24,9 @@ from stadimeter.app.control.client import encode_line
 from stadimeter.app.exact_json import plain
 from stadimeter.config.units import parse_any_quantity, parse_length
 from stadimeter.core.bounds import MAX_DURATION_S, MAX_PLAIN, MAX_TIME_S
-from stadimeter.core.operator import AnyCommand, HoldCommand, OperatorCommand
 from stadimeter.core.rules.explaining import Explanation
 from stadimeter.errors import ControlError, Problem
-from stadimeter.operator_actions import OperatorAction, Takes
+from stadimeter.operator_actions import AnyCommand, HoldCommand, OperatorAction, OperatorCommand, Takes
 
 # A longer line is no request.
 LINE_MAX_BYTES = 64 * 1024

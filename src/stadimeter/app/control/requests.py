@@ -17,11 +17,10 @@ from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.core.alarms.settings import show_thresholds
 from stadimeter.core.decision import Decision, SafetyMode
 from stadimeter.core.message import NEWS_S
-from stadimeter.core.operator import AnyCommand, OperatorCommand
-from stadimeter.core.reload import ReloadedState
+from stadimeter.core.persistence import ReloadedState
 from stadimeter.core.rules.explaining import Reasons, explain
 from stadimeter.core.safety import could_let_act
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import AnyCommand, OperatorAction, OperatorCommand
 
 # The decisions of this many seconds can be explained afterwards.
 REMEMBERED_S = 60.0

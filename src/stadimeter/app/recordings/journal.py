@@ -29,16 +29,16 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.exact_json import decode, encode
 from stadimeter.app.recordings.record_file import RecordFile
 from stadimeter.config.addresses import words_for_people
-from stadimeter.config.findings import format_value
-from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.config.units import path_from
-from stadimeter.config.untrusted_file import (
+from stadimeter.config.files import (
     CAMERA_FILE_MAX_BYTES,
     lines_of,
     open_untrusted,
     read_untrusted_text,
     sha256_of,
 )
+from stadimeter.config.findings import format_value
+from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.config.units import path_from
 from stadimeter.core.bounds import MAX_TIME_S, is_time
 from stadimeter.core.decision import Decision, Event, RuleTrace
 from stadimeter.core.frame import Frame

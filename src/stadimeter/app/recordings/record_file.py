@@ -17,7 +17,7 @@ from io import FileIO
 from itertools import count
 from pathlib import Path
 
-from stadimeter.config.atomic_file import rename_to_free_name
+from stadimeter.config.files import rename_to_free_name
 from stadimeter.errors import JournalError
 
 # The length of the beginning of a file that tells whose it is.

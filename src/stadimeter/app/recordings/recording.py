@@ -33,8 +33,8 @@ from stadimeter.app.recordings.journal import (
 )
 from stadimeter.app.recordings.record_file import LIBRARY, RecordFile, is_ours
 from stadimeter.config.extras import require
+from stadimeter.config.files import sha256_of
 from stadimeter.config.loader import Configuration
-from stadimeter.config.untrusted_file import sha256_of
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import TargetShape
 from stadimeter.core.frame import Frame

@@ -16,10 +16,9 @@ from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.decision import EventKind, Severity
-from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.words import duration, figure_in_words, rounded_duration
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import OperatorAction, OperatorAnswer, OperatorCommand
 
 Refusal = str  # why a command is not done; empty if it is
 

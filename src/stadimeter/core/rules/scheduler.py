@@ -26,7 +26,6 @@ from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.of_rules import SequenceCondition
 from stadimeter.core.conditions.quantities import motion_of
 from stadimeter.core.decision import Event, EventKind, Notice, RuleTrace
-from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.plan import BaseOutput, Output, Plan
 from stadimeter.core.rule import (
     AlarmRule,
@@ -45,6 +44,7 @@ from stadimeter.core.rules.follow import FollowStep, new_follow, step_follow
 from stadimeter.core.rules.ramp import RampStep, new_ramp, step_ramp
 from stadimeter.core.rules.report import ReportStep, new_report, step_report
 from stadimeter.core.tracking.transverse import AskedMotion
+from stadimeter.operator_actions import OperatorAnswer, OperatorCommand
 
 # The choice of the winner of an output --------------------------------------------------------------------------------
 

@@ -16,14 +16,12 @@ from typing import Annotated, Self
 from msgspec.structs import replace
 from pydantic import Field, model_validator
 
-from stadimeter.config.named_sizes import BallDiameter
 from stadimeter.config.plugins import Count, DriverContext, DriverOptions, numbered
-from stadimeter.config.units import Tolerance
+from stadimeter.config.units import BallDiameter, Tolerance
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.ball.blobs import Blob, find_blobs, search_step, thin_out
-from stadimeter.detectors.ball.circles import ImageCircle
+from stadimeter.detectors.ball.blobs import Blob, ImageCircle, find_blobs, search_step, thin_out
 from stadimeter.detectors.ball.colour_proposal import propose, view
 from stadimeter.detectors.ball.evidence import (
     LIKELY,

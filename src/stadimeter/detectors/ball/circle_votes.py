@@ -16,8 +16,7 @@ import numpy as np
 
 from stadimeter.core.detection import Flags, Profiles, Values
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.blobs import thin_out
-from stadimeter.detectors.ball.circles import ImageCircle
+from stadimeter.detectors.ball.blobs import ImageCircle, thin_out
 
 # Longer side to which a larger picture is reduced, and the least shorter side of the last level.
 VOTING_WIDTH_PX, MIN_LEVEL_PX = 320, 24

@@ -21,7 +21,7 @@ import numpy as np
 
 from stadimeter.core.detection import Flags, Indices, Profiles
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.circles import ImageCircle
+from stadimeter.detectors.ball.blobs import ImageCircle
 
 # Pixels each way from which the colours are counted.
 GRID = 32

@@ -17,7 +17,7 @@ from msgspec import Struct
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Flags, Indices, Points, Values
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.circles import ImageCircle, find_common_circle
+from stadimeter.detectors.ball.blobs import ImageCircle, find_common_circle
 from stadimeter.detectors.ball.colours import BallColours
 from stadimeter.detectors.ball.limb_edges import LimbEdges, limb_edges
 from stadimeter.ranging.ball import MIN_RAYS, ConeFrame, SphereCone, with_ones

@@ -28,7 +28,7 @@ from msgspec import Struct
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Flags, Indices, Points, Profiles, Values
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.circles import ImageCircle
+from stadimeter.detectors.ball.blobs import ImageCircle
 from stadimeter.detectors.ball.colours import BallColours, likely_drop
 from stadimeter.detectors.sampling import Light, light_table, quantile
 

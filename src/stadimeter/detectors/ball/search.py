@@ -13,9 +13,8 @@ import cv2
 import numpy as np
 from msgspec.structs import replace
 
-from stadimeter.detectors.ball.blobs import Blob, thin_out
+from stadimeter.detectors.ball.blobs import Blob, ImageCircle, find_common_circle, thin_out
 from stadimeter.detectors.ball.circle_votes import are_same, list_octaves, propose_circles
-from stadimeter.detectors.ball.circles import ImageCircle, find_common_circle
 from stadimeter.detectors.ball.colours import learn_colours
 from stadimeter.detectors.ball.evidence import (
     FILLED_ENOUGH,

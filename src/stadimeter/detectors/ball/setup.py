@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stadimeter.config.named_sizes import BALLS
+from stadimeter.config.units import BALLS
 from stadimeter.detectors.protocol import SEVERAL, SetupKind, SetupQuestion, count_of, size_question
 
 

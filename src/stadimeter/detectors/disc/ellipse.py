@@ -13,7 +13,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Flags, Points, Values
 from stadimeter.core.frame import Image
 from stadimeter.detectors.sampling import Light, light_table, quantile
-from stadimeter.ranging.circle_pose import cone_through
+from stadimeter.ranging.flat import cone_through
 
 # An ellipse is taken through the lens by this many points around it.
 RIM_POINTS = 32

@@ -283,7 +283,7 @@ def _fit_most_of(outline: Outline, shape: tuple[int, int]) -> Outline | None:
 
 def _on_best_piece(points: Points, inner: Flags) -> Flags:
     """Return which points are on that ellipse through a piece of them that most are on."""
-    # Centred and scaled to unit spread, as in `stadimeter.ranging.circle_pose.cone_through`: the normal equations are
+    # Centred and scaled to unit spread, as in `stadimeter.ranging.flat.cone_through`: the normal equations are
     # well conditioned then. Pieces of a quarter and of half of the outline, eight starts each.
     middle = points.mean(axis=0)
     size_px = max(math.sqrt(float(np.mean((points - middle) ** 2))), 1.0)

@@ -14,16 +14,16 @@ from typing import Annotated
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from stadimeter.config.extras import missing
+from stadimeter.config.files import is_file
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Duration, FilePath, LengthWithSpread, SpreadLength
-from stadimeter.config.untrusted_file import is_file
 from stadimeter.detectors.object.detector import LoadedNetwork, ObjectDetector, ObjectSearch
 from stadimeter.detectors.object.families import FAMILIES, FamilyName, recognise
 from stadimeter.detectors.object.model_file import load_model
 from stadimeter.detectors.object.network import USUAL_EVERY_S, EngineChoice, Network, examine
 from stadimeter.detectors.protocol import BY_NETWORK, NetworkReport, SetupKind, SetupQuestion
 from stadimeter.errors import DriverError, UnreadableError
-from stadimeter.ranging.upright import KnownLength, UprightShape
+from stadimeter.ranging.flat import KnownLength, UprightShape
 
 # Standard deviation of a length of a box as a share of it: sides of boxes by a network scatter by 3 to 5 % on people,
 # distances of eyes by 3 to 7 % on faces.

@@ -23,7 +23,7 @@ from stadimeter.detectors.object.boxes import Boxes, one_each, overlaps
 from stadimeter.detectors.object.following import BoxPattern, BoxPlace, FollowedBox, follow_box, take_pattern
 from stadimeter.detectors.object.network import Network
 from stadimeter.detectors.protocol import check_image
-from stadimeter.ranging.upright import UprightShape
+from stadimeter.ranging.flat import UprightShape
 
 # A followed box errs by this share more with each second since the network saw it. On 60 drawn figures that came
 # nearer, moved, leant and were lit otherwise, its growth was off by 0.3 % (median) and 1.5 % (p95) after half a second;

@@ -9,14 +9,15 @@ from typing import Literal
 import numpy as np
 from msgspec import Struct
 
-from stadimeter.detectors.object.boxes import Boxes, centred
-from stadimeter.detectors.object.grids import (
+from stadimeter.detectors.object.boxes import (
     DISTANCE_BINS,
     MAX_LOG_SIZE,
     NANODET_STRIDES,
     STRIDES,
+    Boxes,
     Outputs,
     WantedClass,
+    centred,
     count_cells,
     decode_nanodet,
     decode_yolov8,

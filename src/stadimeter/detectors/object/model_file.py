@@ -12,7 +12,7 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from stadimeter.config.untrusted_file import read_untrusted
+from stadimeter.config.files import read_untrusted
 
 # YOLOv8s has 45 MB. A larger network takes a second a picture on a Pi, and its memory would not be there.
 MODEL_MAX_BYTES = 60_000_000

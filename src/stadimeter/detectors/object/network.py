@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from stadimeter.config.extras import install_line, require
 from stadimeter.core.frame import Image
-from stadimeter.detectors.object.boxes import Boxes, fit_picture, one_each
+from stadimeter.detectors.object.boxes import Boxes, WantedClass, fit_picture, one_each
 from stadimeter.detectors.object.families import NetworkFamily, Recognised, recognise
-from stadimeter.detectors.object.grids import WantedClass
 from stadimeter.detectors.object.model_file import ModelFile, load_model
 from stadimeter.detectors.protocol import EngineTiming, NetworkReport
 from stadimeter.errors import DriverError

@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 from pydantic import Field, model_validator
 
+from stadimeter.config.files import PICTURE_MAX_BYTES, decode_picture, read_untrusted
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import FilePath, Length, Tolerance
-from stadimeter.config.untrusted_file import PICTURE_MAX_BYTES, decode_picture, read_untrusted
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame, Image

@@ -13,9 +13,8 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from stadimeter.config.named_sizes import PAPER, Paper, paper_sides
 from stadimeter.config.plugins import DriverContext, DriverOptions
-from stadimeter.config.units import Length, Tolerance, parse_length, split_quantities
+from stadimeter.config.units import PAPER, Length, Paper, Tolerance, paper_sides, parse_length, split_quantities
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Image

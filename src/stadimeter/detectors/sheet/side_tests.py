@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from stadimeter.config.named_sizes import PAPER
-from stadimeter.config.units import parse_length
+from stadimeter.config.units import PAPER, parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, Values
 from stadimeter.detectors.sheet.candidates import Test, seen_sides

@@ -14,8 +14,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError, ConfigError, Problem
-from stadimeter.ranging.measure import measure
-from stadimeter.ranging.separation import SeenTarget
+from stadimeter.ranging.measure import SeenTarget, measure
 from stadimeter.ranging.size_from_motion import LearntSize, StepView, Vector, view_of
 from stadimeter.workbench.calibration.live_distance import (
     FOUND_SHARE_MIN,
@@ -26,7 +25,7 @@ from stadimeter.workbench.calibration.live_distance import (
 )
 from stadimeter.workbench.frame_source import Source
 from stadimeter.workbench.measuring import open_picture
-from stadimeter.workbench.picture_quality import picture_remarks
+from stadimeter.workbench.picture_metadata import picture_remarks
 
 # What the options of a target call its size; a detector of another package that has none of them learns none.
 SIZE_KEYS = ("diameter", "side", "width", "height")

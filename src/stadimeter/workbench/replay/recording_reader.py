@@ -43,7 +43,7 @@ from stadimeter.app.recordings.recording import (
     RESUMED_NAME,
     require_mcap,
 )
-from stadimeter.config.untrusted_file import CHUNK_MAX_BYTES, JSON_MAX_BYTES, decode_picture
+from stadimeter.config.files import CHUNK_MAX_BYTES, JSON_MAX_BYTES, decode_picture
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import JournalError, PictureError
 

@@ -26,8 +26,8 @@ from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.decision import Decision
 from stadimeter.core.observation import Observation
+from stadimeter.core.persistence import reload
 from stadimeter.core.plan import Plan
-from stadimeter.core.reload import reload
 from stadimeter.errors import ConfigError, DriverError, JournalError, Problem, StateError
 from stadimeter.perception.perceiver import Perceiver
 

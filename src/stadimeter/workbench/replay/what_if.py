@@ -26,7 +26,7 @@ from stadimeter.core.rule import AlarmRule, FollowRule, conditions_of
 from stadimeter.core.rules.explaining import Reasons
 from stadimeter.core.rules.scheduler import asks_for, judge, with_steps
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.lanes import Lane, ReplaySide
+from stadimeter.workbench.replay.comparison import Lane, ReplaySide
 from stadimeter.workbench.replay.replay import AnyRecording, decisions, first_state
 from stadimeter.workbench.replay.replay_figures import Tally
 

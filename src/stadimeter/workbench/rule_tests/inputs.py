@@ -29,9 +29,9 @@ from stadimeter.core.clock import DAY_S
 from stadimeter.core.detection import TargetShape
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
-from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.stereo_rig import StereoRig
 from stadimeter.errors import ConfigError, JournalError, Problem, StadimeterError
+from stadimeter.operator_actions import OperatorCommand
 from stadimeter.ranging.similar_triangles import expect
 from stadimeter.ranging.stereo import straight_ahead_share
 from stadimeter.workbench.replay.replay import read_recording

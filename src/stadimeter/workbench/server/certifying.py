@@ -8,12 +8,11 @@ from __future__ import annotations
 from typing import Any
 
 from stadimeter.app.certificate import load_certificate
+from stadimeter.config.files import PICTURE_MAX_BYTES, read_untrusted
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.units import parse_length
-from stadimeter.config.untrusted_file import PICTURE_MAX_BYTES, read_untrusted
 from stadimeter.errors import ConfigError, NotThereError, UnreadableError
-from stadimeter.workbench.certificate.page import MORE, describe_placement, summary_of
-from stadimeter.workbench.certificate.session import PDF, SiteSession
+from stadimeter.workbench.certificate.session import MORE, PDF, SiteSession, describe_placement, summary_of
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 
 

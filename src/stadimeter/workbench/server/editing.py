@@ -17,11 +17,11 @@ from stadimeter.app.exact_json import plain
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.app.this_computer import warnings_here
 from stadimeter.config.describe import describe
+from stadimeter.config.files import CONFIGURATION_MAX_BYTES, read_untrusted_text, sha256_of
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.rule_test_tables import RuleTest
 from stadimeter.config.toml_source import Texts
 from stadimeter.config.units import path_from
-from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text, sha256_of
 from stadimeter.errors import ChangedMeanwhileError, ConfigError, ControlError, Problem, UnreadableError
 from stadimeter.workbench.rule_tests.running import RuleTestResult, run_rule_test
 from stadimeter.workbench.saving import check_is_not_ours, difference_in_words, files_of, save_files, versions

@@ -24,7 +24,7 @@ from stadimeter.app.live.history import Seen
 from stadimeter.app.live.pictures import Pictures
 from stadimeter.app.live.snapshot import ReasonsInTurn, RunSnapshot, shared_json
 from stadimeter.app.recordings.journal import Journal, JournalHeader, load_recorded
-from stadimeter.config.untrusted_file import JSON_MAX_BYTES, open_untrusted
+from stadimeter.config.files import JSON_MAX_BYTES, open_untrusted
 from stadimeter.core.detection import Detection, DetectionStatus, Points
 from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, JournalError, NotThereError, StadimeterError

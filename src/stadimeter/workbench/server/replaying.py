@@ -9,8 +9,16 @@ from typing import Any
 from stadimeter.app.live.snapshot import RunSnapshot
 from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.words import duration
-from stadimeter.workbench.replay.comparison import EventChange, ReplayDiff, RuleChange
-from stadimeter.workbench.replay.lanes import CYCLES_MAX, Lane, Point, SideBySide, thin_points
+from stadimeter.workbench.replay.comparison import (
+    CYCLES_MAX,
+    EventChange,
+    Lane,
+    Point,
+    ReplayDiff,
+    RuleChange,
+    SideBySide,
+    thin_points,
+)
 from stadimeter.workbench.replay.replay import ReplayRun, read_recording, replay_run
 from stadimeter.workbench.server.editing import load_text
 from stadimeter.workbench.server.operations import Desk, operation

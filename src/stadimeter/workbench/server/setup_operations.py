@@ -20,7 +20,7 @@ from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.board_calibration import coverage
 from stadimeter.workbench.calibration.board_session import Board, BoardSession, CharucoBoard, Chessboard, today
 from stadimeter.workbench.colour_aids import NOTHING_STANDS_OUT, colour_picture
-from stadimeter.workbench.picture_quality import better_exposure_s
+from stadimeter.workbench.picture_metadata import better_exposure_s
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.setup_desk import SetupDesk
 from stadimeter.workbench.setup import colour_step

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from stadimeter.config.driver_tables import ACTUATOR, DRIVER_KINDS
-from stadimeter.config.gpio_header import HEADER, TAKEN
 from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.units import HEADER, TAKEN
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.drawing import svg_of
 from stadimeter.workbench.server import editing

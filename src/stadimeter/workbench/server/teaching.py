@@ -16,7 +16,7 @@ from stadimeter.workbench.server.operations import Desk, operation
 from stadimeter.workbench.server.recordings import ENDINGS, about, began_unix_s
 from stadimeter.workbench.server.run_of_desk import folder_of
 from stadimeter.workbench.teaching.lesson import Answer, Lesson, in_words
-from stadimeter.workbench.teaching.marks import parse_mark
+from stadimeter.workbench.teaching.search import parse_mark
 
 # Unless it is said otherwise, an answer comes at the latest after this time, with what is read by then.
 FOR_S = 20.0

@@ -28,7 +28,7 @@ from stadimeter.workbench.frame_source import (
     take_frame,
 )
 from stadimeter.workbench.measuring import is_video_file
-from stadimeter.workbench.picture_quality import picture_remarks
+from stadimeter.workbench.picture_metadata import picture_remarks
 from stadimeter.workbench.run_camera import NONE_FOUND, list_cameras
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, SetupStep, words_of
 

@@ -11,21 +11,24 @@ from pathlib import Path
 from msgspec.structs import replace
 
 import stadimeter
-from stadimeter.config.atomic_file import write_atomically
+from stadimeter.config.files import CONFIGURATION_MAX_BYTES, write_atomically
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.toml_source import as_toml, read_toml
-from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.errors import ConfigError, Problem, StadimeterError, reason_of
 from stadimeter.workbench.saving import save_files
-from stadimeter.workbench.setup.base_steps import base_drivers
-from stadimeter.workbench.setup.calibration_steps import CalibrationStep, ProofStep
+from stadimeter.workbench.setup.calibration_steps import (
+    KEYS,
+    CalibrationStep,
+    ProofStep,
+    SizelessCalibrationStep,
+    WayStep,
+)
 from stadimeter.workbench.setup.camera_step import CameraStep
 from stadimeter.workbench.setup.colour_step import ColourStep
 from stadimeter.workbench.setup.files import WISHES
 from stadimeter.workbench.setup.question import Accepted, Known, Question, SetupStep, words_of
-from stadimeter.workbench.setup.size_steps import KEYS, SizelessCalibrationStep, WayStep
 from stadimeter.workbench.setup.target import TargetStep, kind_steps, offered_kinds
-from stadimeter.workbench.setup.wish_steps import WishStep, wish_steps
+from stadimeter.workbench.setup.wish_steps import WishStep, base_drivers, wish_steps
 
 # The questions that come first, whatever the answers; behind the first two stand those of the kind of target.
 _FIRST: tuple[SetupStep, ...] = (

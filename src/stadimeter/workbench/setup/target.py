@@ -11,9 +11,8 @@ from msgspec.structs import replace
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.driver_tables import TARGET, read_driver_table
-from stadimeter.config.named_sizes import UNKNOWN_SIZE
 from stadimeter.config.plugins import DriverChoice, ReportsLacks, driver_names, load_driver
-from stadimeter.config.units import split_spread, validation_context
+from stadimeter.config.units import UNKNOWN_SIZE, split_spread, validation_context
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
 from stadimeter.core.frame import Frame

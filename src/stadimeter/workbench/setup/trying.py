@@ -26,8 +26,8 @@ from stadimeter.errors import ConfigError, PictureError, StadimeterError
 from stadimeter.ranging.similar_triangles import expect, farthest_m
 from stadimeter.workbench.annotation import Mark, annotate
 from stadimeter.workbench.measuring import Measuring
-from stadimeter.workbench.picture_quality import picture_remarks
-from stadimeter.workbench.replay.lanes import Lane, Point, thin_points
+from stadimeter.workbench.picture_metadata import picture_remarks
+from stadimeter.workbench.replay.comparison import Lane, Point, thin_points
 from stadimeter.workbench.rule_tests.inputs import observations, wait_times
 from stadimeter.workbench.rule_tests.running import command_figures
 from stadimeter.workbench.setup.files import blank_answers, figure_si, find_wishes, tag_name

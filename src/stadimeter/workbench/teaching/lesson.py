@@ -14,21 +14,27 @@ from msgspec.structs import replace
 
 from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.config.toml_edit import dotted
+from stadimeter.config.toml_lines import dotted
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.decision import EventKind
 from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, NotThereError, Problem
-from stadimeter.workbench.replay.comparison import EventChange, ReplayDiff, compare
-from stadimeter.workbench.replay.lanes import ReplaySide
+from stadimeter.workbench.replay.comparison import EventChange, ReplayDiff, ReplaySide, compare
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.replay.what_if import KEPT_CYCLES_MAX, KeptRecording
 from stadimeter.workbench.rule_settings import alarm_named, with_settings
 from stadimeter.workbench.rule_tests.running import run_rule_test
-from stadimeter.workbench.teaching.marks import MOMENT_S, Firing, FiringMark, is_met
-from stadimeter.workbench.teaching.search import SettingSearch, Taught, Values
-from stadimeter.workbench.teaching.signal import signal_of
+from stadimeter.workbench.teaching.search import (
+    MOMENT_S,
+    Firing,
+    FiringMark,
+    SettingSearch,
+    Taught,
+    Values,
+    is_met,
+    signal_of,
+)
 
 # A test begins this long before its first mark, or before the alarm that stood then, and ends this long after the last.
 BEFORE_S, AFTER_S = 20.0, 5.0

@@ -20,24 +20,20 @@ from msgspec import Struct
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
-from stadimeter.workbench.tuning.candidates import (
+from stadimeter.workbench.tuning.noise import RecordedNoise, Series, noise_of
+from stadimeter.workbench.tuning.trials import (
+    AFTER_S,
     Count,
+    OperatingPoints,
     Rate,
     Settings,
+    Transition,
+    Trials,
+    Truths,
     Tuned,
     at_most,
     candidate_beginnings,
     candidate_endings,
-    rate_at,
-    slope_of,
-)
-from stadimeter.workbench.tuning.noise import RecordedNoise, Series, noise_of
-from stadimeter.workbench.tuning.trials import (
-    AFTER_S,
-    OperatingPoints,
-    Transition,
-    Trials,
-    Truths,
     distance_at,
     end_latency_s,
     evaluate_alarms,
@@ -45,6 +41,8 @@ from stadimeter.workbench.tuning.trials import (
     quiet_frames,
     raise_latency_s,
     raises_apart,
+    rate_at,
+    slope_of,
 )
 
 # An alarm with its target at the threshold may end and begin again at most this often, or it chatters.
