@@ -11,7 +11,7 @@ from web_pages import save
 
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.certificate.session import SiteSession, blocks_of, pages_of
-from stadimeter.workbench.drawing import svg_of
+from stadimeter.workbench.printing import svg_of
 from support.browser import chromium, served, tab
 
 HERE = Path(__file__).parent

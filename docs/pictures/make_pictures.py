@@ -36,7 +36,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import ACTUATORS, BUTTONS, DriverChoice, load_driver
 from stadimeter.config.toml_source import parse_toml
 from stadimeter.core.frame import Frame
-from stadimeter.workbench.drawing import write_drawings
+from stadimeter.workbench.printing import write_drawings
 from stadimeter.workbench.wiring import circuits_picture, find_outputs, parts_of, wiring_picture
 
 HERE = Path(__file__).parent

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from stadimeter.app.messages import Reporter, outgoing
 from stadimeter.app.persistence.resumption import read_state, state_text
-from stadimeter.core.conditions.summary import RememberedFigure, Summary, step_summary
+from stadimeter.core.conditions.remembered import RememberedFigure, Summary, step_summary
 from stadimeter.core.decide import initial_state
 from stadimeter.core.decision import Decision, Event, EventKind, Notice, SafetyMode, Severity
 from stadimeter.core.plan import Plan

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.bases.i2c_link import I2cLink, KernelI2cDevice
+from stadimeter.bases.pca9685 import I2cLink, KernelI2cDevice
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError
 
 

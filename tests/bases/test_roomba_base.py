@@ -16,8 +16,8 @@ from stadimeter.bases.serial_link import Greeting
 from stadimeter.config.plugins import SerialStop
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import DeviceOpenError, ProtocolError
-from stadimeter.simulation.emulated_port import EmulatedPort
-from stadimeter.simulation.roomba_firmware import FULL, OFF, PASSIVE, SAFE, Create1Firmware, RoombaFirmware
+from stadimeter.simulation.emulated_base import EmulatedPort
+from stadimeter.simulation.firmware import FULL, OFF, PASSIVE, SAFE, Create1Firmware, RoombaFirmware
 from stadimeter.testing.rig import ManualClock
 from support.base_bench import BaseBench, base_bench, opened
 from support.base_vectors import wire

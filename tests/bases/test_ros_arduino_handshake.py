@@ -9,8 +9,8 @@ from msgspec import Struct
 from stadimeter.bases.ros_arduino_base import RosArduinoCodec
 from stadimeter.bases.serial_link import Greeting, SerialLink
 from stadimeter.errors import DeviceOpenError, ProtocolError
-from stadimeter.simulation.emulated_port import EmulatedPort
-from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
+from stadimeter.simulation.emulated_base import EmulatedPort
+from stadimeter.simulation.firmware import RosArduinoFirmware
 from stadimeter.testing.rig import ManualClock
 
 

@@ -12,7 +12,7 @@ from stadimeter.bases.differential_drive import SpeedSteps, WheelSpeeds
 from stadimeter.bases.sabertooth_base import SabertoothCodec, SabertoothOptions
 from stadimeter.bases.serial_base import SerialBase
 from stadimeter.errors import ProtocolError
-from stadimeter.simulation.sabertooth_firmware import SabertoothFirmware
+from stadimeter.simulation.firmware import SabertoothFirmware
 from support.base_bench import BaseBench, base_bench, opened
 from support.base_vectors import vectors, wire
 

@@ -16,7 +16,7 @@ from stadimeter.bases.serial_link import SerialLink
 from stadimeter.config.plugins import BASES, load_driver
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import DriverError
-from stadimeter.simulation.emulated_port import EmulatedPort
+from stadimeter.simulation.emulated_base import EmulatedPort
 from support.base_bench import base_bench, opened
 
 STEP_S = 0.01

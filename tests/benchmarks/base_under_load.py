@@ -37,8 +37,8 @@ from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import DeviceClosedError
 from stadimeter.ranging.ball import BallShape
-from stadimeter.simulation.emulated_port import EmulatedPort
-from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
+from stadimeter.simulation.emulated_base import EmulatedPort
+from stadimeter.simulation.firmware import RosArduinoFirmware
 
 FRAME_S = 1 / 30
 PATIENCE_S = 40.0

@@ -21,8 +21,8 @@ from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.ending import END_WITHIN_S, LAST_RESORT_S, LAST_WORDS_S
 from stadimeter.messaging.apprise_notifier import PATIENCE
 from stadimeter.messaging.back_off import Patience
-from stadimeter.simulation.emulated_port import EmulatedPort
-from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
+from stadimeter.simulation.emulated_base import EmulatedPort
+from stadimeter.simulation.firmware import RosArduinoFirmware
 from stadimeter.testing.rig import eventually
 from support.processes import is_suspended
 from support.simulated_run import SIMULATED_BALL
@@ -65,12 +65,13 @@ main()
 AS_SHIPPED = ("-m", "stadimeter")
 
 HANGING = """
-import ctypes, sys
+import ctypes, pathlib, sys
 from {module} import {name}
 
 def hang(*_):
     "Stay in a call of C that no signal ends, as a call to a disk or a camera may."
     lock = ctypes.create_string_buffer(256)
+    pathlib.Path({hangs!r}).touch()
     while True:
         ctypes.CDLL(None).pthread_mutex_lock(lock)
 
@@ -272,9 +273,10 @@ def test_a_call_that_never_comes_back_in_the_loop_does_not_keep_it_from_ending(r
     """Not even the handler of the signal runs then. The watch on stalls has stopped the wheels before."""
     module, name, method, after = HANGS[what]
     state = robot.folder / "state.sqlite3"
-    script = HANGING.format(module=module, name=name, method=method, after=after)
+    script = HANGING.format(hangs=str(robot.folder / "hangs"), module=module, name=name, method=method, after=after)
     robot.start("--state", state, program=("-c", script))
-    assert eventually(lambda: not robot.drives())
+    # On a busy computer the wheels may stand still earlier, for a late picture; then the signal would find no call.
+    assert eventually(lambda: (robot.folder / "hangs").exists() and not robot.drives())
     code, said = robot.end()
     assert code == 128 + signal.SIGTERM
     assert re.search(r"SIGTERM: ended after .* this hangs: \S+ in .*stadimeter", said)
@@ -282,7 +284,13 @@ def test_a_call_that_never_comes_back_in_the_loop_does_not_keep_it_from_ending(r
 
 
 def test_a_disk_that_does_not_take_the_state_does_not_keep_it_from_ending(robot):
-    script = HANGING.format(module="stadimeter.app.persistence.alarm_store", name="AlarmStore", method="write", after=0)
+    script = HANGING.format(
+        hangs=str(robot.folder / "hangs"),
+        module="stadimeter.app.persistence.alarm_store",
+        name="AlarmStore",
+        method="write",
+        after=0,
+    )
     robot.start("--state", robot.folder / "state.sqlite3", program=("-c", script))
     code, said = robot.end()
     assert code == 0
@@ -293,7 +301,11 @@ def test_a_disk_that_does_not_take_the_state_does_not_keep_it_from_ending(robot)
 def test_a_recording_that_the_disk_does_not_take_is_cut_short_and_said_so(robot):
     pytest.importorskip("mcap")
     script = HANGING.format(
-        module="stadimeter.app.recordings.recording", name="RecordingWriter", method="close", after=0
+        hangs=str(robot.folder / "hangs"),
+        module="stadimeter.app.recordings.recording",
+        name="RecordingWriter",
+        method="close",
+        after=0,
     )
     robot.start("--record", robot.folder / "run.mcap", program=("-c", script))
     code, said = robot.end()

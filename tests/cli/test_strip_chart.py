@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.app.live.history import DistanceSample
-from stadimeter.cli.strip_chart import LIMIT, LINE, STYLES, StripChart, chart_scale
+from stadimeter.cli.run_panels import LIMIT, LINE, STYLES, StripChart, chart_scale
 
 
 def samples(distances_m: list[float | None], period_s: float = 0.1, sigma_m: float = 0.0) -> list[DistanceSample]:

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from stadimeter.cli.main import app
 from stadimeter.workbench.tuning import proposing as tuning
-from stadimeter.workbench.tuning import trials as tuning_candidates
+from stadimeter.workbench.tuning import proposing as tuning_candidates
 from support.noisy_journal import KnownNoise, write_noisy_journal
 
 CONFIGURATION = """

@@ -5,9 +5,8 @@ import pytest
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.conditions.of_rules import RuleCondition
-from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.conditions.remembered import RememberedCondition, RememberedFigure, Window
 from stadimeter.core.conditions.sight import PresenceCondition
-from stadimeter.core.conditions.summary import RememberedFigure, Window
 from stadimeter.core.rule import ReportRule
 from stadimeter.errors import ConfigError
 from support.simulated_run import SIMULATED_BALL

@@ -13,10 +13,9 @@ from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.evidence import collect_evidence, describe_begin, describe_end, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.of_rules import RuleCondition
-from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.conditions.remembered import RememberedCondition, Window
 from stadimeter.core.conditions.schedule import ScheduleCondition
 from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
-from stadimeter.core.conditions.summary import Window
 from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.observation import WallTime
 from support.conditions import closing, direction, separation

@@ -5,7 +5,7 @@ import pytest
 from stadimeter.core.command import BaseReport
 from stadimeter.core.conditions.evidence import describe_begin, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
-from stadimeter.core.conditions.of_base import BATTERY_DEADBAND_V, BatteryCondition, ContactSensorCondition
+from stadimeter.core.conditions.of_rules import BATTERY_DEADBAND_V, BatteryCondition, ContactSensorCondition
 from support.each_case import each_case
 
 LOW = BatteryCondition(below=11.0)

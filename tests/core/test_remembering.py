@@ -4,8 +4,14 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.remembered import RememberedCondition
-from stadimeter.core.conditions.summary import SLOTS, RememberedFigure, Summary, Window, step_summary
+from stadimeter.core.conditions.remembered import (
+    SLOTS,
+    RememberedCondition,
+    RememberedFigure,
+    Summary,
+    Window,
+    step_summary,
+)
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.persistence import reload, restore_alarms, snapshot_alarms

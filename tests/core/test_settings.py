@@ -12,8 +12,7 @@ from stadimeter.core.alarms.settings import show_thresholds, thresholds_of
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.of_base import BatteryCondition
-from stadimeter.core.conditions.of_rules import RuleCondition
+from stadimeter.core.conditions.of_rules import BatteryCondition, RuleCondition
 from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Severity

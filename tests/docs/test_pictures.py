@@ -13,7 +13,7 @@ import make_pictures
 from msgspec.structs import replace
 
 from stadimeter.config.loader import load_configuration
-from stadimeter.workbench.drawing import svg_of
+from stadimeter.workbench.printing import svg_of
 from stadimeter.workbench.wiring import wiring_picture
 
 ROOT = Path(__file__).resolve().parents[2]

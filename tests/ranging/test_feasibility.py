@@ -13,8 +13,7 @@ from msgspec.structs import replace
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, TargetShape
 from stadimeter.ranging.ball import BallShape
-from stadimeter.ranging.circles import CirclesShape
-from stadimeter.ranging.flat import SheetShape
+from stadimeter.ranging.flat import CirclesShape, SheetShape
 from stadimeter.ranging.similar_triangles import expect, farthest_m
 
 TENNIS = BallShape(diameter_m=0.067)

@@ -6,9 +6,7 @@ import struct
 
 import pytest
 
-from stadimeter.simulation.hoverboard_firmware import HoverboardFirmware
-from stadimeter.simulation.openbot_firmware import OpenBotFirmware
-from stadimeter.simulation.waveshare_ugv_firmware import WaveshareUgvFirmware
+from stadimeter.simulation.firmware import HoverboardFirmware, OpenBotFirmware, WaveshareUgvFirmware
 from support.base_vectors import vectors, wire
 
 WAVESHARE, HOVERBOARD, OPENBOT = "waveshare_ugv_json", "hoverboard_foc", "openbot_ascii"

@@ -5,8 +5,8 @@ import os
 from pathlib import Path
 
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.simulation.emulated_port import EmulatedPort
-from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
+from stadimeter.simulation.emulated_base import EmulatedPort
+from stadimeter.simulation.firmware import RosArduinoFirmware
 from stadimeter.testing.rig import ManualClock
 
 

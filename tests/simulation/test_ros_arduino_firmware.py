@@ -4,7 +4,7 @@ import pytest
 
 from stadimeter.config.plugins import DriverContext
 from stadimeter.errors import ConfigError
-from stadimeter.simulation.ros_arduino_firmware import EmulatedRosArduinoOptions, RosArduinoFirmware
+from stadimeter.simulation.firmware import EmulatedRosArduinoOptions, RosArduinoFirmware
 from stadimeter.testing.rig import ManualClock
 from support.base_vectors import vectors, wire
 

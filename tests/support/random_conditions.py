@@ -9,8 +9,12 @@ from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.measured import FigureCondition
-from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
-from stadimeter.core.conditions.of_rules import RuleCondition, UndeliveredCondition
+from stadimeter.core.conditions.of_rules import (
+    BatteryCondition,
+    ContactSensorCondition,
+    RuleCondition,
+    UndeliveredCondition,
+)
 from stadimeter.core.conditions.schedule import ScheduleCondition
 from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
 from support.conditions import closing, compared, direction, separation, still

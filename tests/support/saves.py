@@ -14,8 +14,7 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.event_log import FILE_BYTES_MAX, EventLog, log_files
 from stadimeter.app.persistence.alarm_store import AlarmStore
 from stadimeter.app.persistence.resumption import ClockReading, Memory
-from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration
-from stadimeter.app.recordings.record_file import MAGIC
+from stadimeter.app.recordings.journal import MAGIC, JournalWriter, RecordedConfiguration
 from stadimeter.app.recordings.recorder import Writer
 from stadimeter.app.recordings.recording import Recorded, RecordingWriter
 from stadimeter.config.camera_file import camera_file_text, load_camera_model, save_camera_model

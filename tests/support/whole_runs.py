@@ -13,9 +13,8 @@ from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.compounds import Condition
 from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
 from stadimeter.core.conditions.quantities import QUANTITIES
-from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.conditions.remembered import RememberedCondition, RememberedFigure, Window
 from stadimeter.core.conditions.schedule import DateSpan, ScheduleCondition
-from stadimeter.core.conditions.summary import RememberedFigure, Window
 from stadimeter.core.observation import MonthDay, Observation, WallTime
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import (

@@ -7,8 +7,8 @@ import pytest
 from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.config.plugins import CAMERAS, DriverOptions, load_driver
 from stadimeter.errors import DriverUnavailableError
-from stadimeter.workbench import run_camera as module
-from stadimeter.workbench.run_camera import list_cameras
+from stadimeter.workbench import frame_source as module
+from stadimeter.workbench.frame_source import list_cameras
 
 
 def _camera(driver: str) -> AttachedCamera:

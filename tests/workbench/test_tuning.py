@@ -8,10 +8,9 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.rule import OnDelay
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.tuning import proposing as tuning
-from stadimeter.workbench.tuning import trials as tuning_candidates
+from stadimeter.workbench.tuning import proposing as tuning_candidates
 from stadimeter.workbench.tuning.noise import noise_of, series_of
-from stadimeter.workbench.tuning.proposing import tune
-from stadimeter.workbench.tuning.trials import candidate_beginnings, rule_to_tune
+from stadimeter.workbench.tuning.proposing import candidate_beginnings, rule_to_tune, tune
 from support.noisy_journal import KnownNoise, write_noisy_journal
 
 CONFIGURATION = """

@@ -9,7 +9,7 @@ from pathlib import Path
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import ACTUATORS, BASES, DriverChoice, DriverOptions, load_driver
 from stadimeter.config.units import GROUND, HEADER, POWER_3V3, POWER_5V, Pin
-from stadimeter.workbench.drawing import svg_of
+from stadimeter.workbench.printing import svg_of
 from stadimeter.workbench.wiring import find_outputs, wiring_picture, wiring_text
 
 CONFIGURATIONS = Path(__file__).parents[2] / "config"

@@ -23,7 +23,7 @@ from stadimeter.config.loader import Configuration
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.camera_model import Provenance
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.figures import probability_below
+from stadimeter.core.conditions.evidence import probability_below
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 from stadimeter.core.words import length
 from stadimeter.errors import ConfigError, StadimeterError, reason_of

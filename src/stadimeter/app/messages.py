@@ -19,7 +19,7 @@ from stadimeter.core import templates
 from stadimeter.core.alarms.machine import AlarmRecord
 from stadimeter.core.alarms.settings import show_thresholds
 from stadimeter.core.camera_pose import CameraPose
-from stadimeter.core.conditions.summary import RememberedFigure
+from stadimeter.core.conditions.remembered import RememberedFigure
 from stadimeter.core.decision import SYSTEM_EVENTS, Decision, Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
 from stadimeter.core.measurement import Track
 from stadimeter.core.message import Message, Notification, OwnTopic, clearing

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from stadimeter.app.control.recording import recordings_folder
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.event_log import ENDING, KeptPast
-from stadimeter.app.recordings.record_file import delete_old
+from stadimeter.app.recordings.journal import delete_old
 from stadimeter.config.files import JSON_MAX_BYTES, append_whole, open_untrusted
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.decision import RuleStatus, RuleTrace

@@ -10,19 +10,255 @@ leaves it so). Here every output is low at rest, ``pwm`` and ``enable`` too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from typing import ClassVar, Protocol
+from typing import Annotated, ClassVar, Protocol, Self
 
 from gpiozero.pins.pi import PiFactory
-from pydantic import Field
+from msgspec.structs import replace
+from pydantic import AfterValidator, Field, model_validator
 
-from stadimeter.bases.h_bridge import HBridgeBase, HBridgeOptions, MotorTable
-from stadimeter.bases.protocol import WiresMotors
-from stadimeter.config.plugins import PORTS, DriverContext, driver_names, load_driver
-from stadimeter.config.units import Frequency, Pin
-from stadimeter.errors import DriverError, LinkLostError
+from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelSpeeds
+from stadimeter.bases.protocol import MotorOutputs, WiresMotors
+from stadimeter.config.plugins import PORTS, DriverContext, DriverOptions, OptionsTable, driver_names, load_driver
+from stadimeter.config.units import Duration, Frequency, Length, Pin, Speed
+from stadimeter.core.command import BaseReport, TwistCommand
+from stadimeter.errors import DeviceClosedError, DriverError, LinkLostError
 from stadimeter.gpio.output_pin import FULL_PERCENT, MIN_PULSES_HZ, OutputPin, pins_lack, shared_pin_factory
+
+# Bases whose motors hang on H-bridges: from wheel speeds to the levels of outputs. Pins and chips drive the
+# outputs.
+#
+# The speed of a wheel is taken as linear in the duty: none at ``minimum_duty``, where the motor only just does not
+# turn, and ``max_wheel_speed`` at full duty. Gear motors without encoders keep to that within a tenth or two while
+# the battery does; what remains is corrected by the rule that follows, since it sees the target.
+#
+# **Nothing here stops by itself.** Outputs keep their level when this program is gone.
+
+
+def _check_speed(speed_mps: float) -> float:
+    if speed_mps == 0:
+        raise ValueError("a base whose wheels cannot turn goes nowhere; measure their speed at full duty")
+    return speed_mps
+
+
+class MotorTable(OptionsTable):
+    """The inputs of one motor; drivers declare them as pins or as channels."""
+
+    forward: int | None = None
+    backward: int | None = None
+    direction: int | None = None
+    pwm: int | None = None
+
+    @model_validator(mode="after")
+    def _check_inputs(self) -> Self:
+        named = {name for name in ("forward", "backward", "direction", "pwm") if getattr(self, name) is not None}
+        if named not in ({"forward", "backward"}, {"forward", "backward", "pwm"}, {"direction", "pwm"}):
+            raise ValueError(
+                f"{', '.join(sorted(named)) or 'nothing'} is named; a motor needs forward and backward, "
+                "both and pwm, or direction and pwm"
+            )
+        return self
+
+    def outputs(self) -> MotorOutputs:
+        """Return the connections of the motor."""
+        first = self.direction if self.forward is None else self.forward
+        assert first is not None  # noqa: S101 - as checked above
+        return MotorOutputs(forward=first, backward=self.backward, pwm=self.pwm)
+
+
+class HBridgeOptions(DriverOptions):
+    """The options that every base on H-bridges has in its table of the configuration."""
+
+    track_width: Length = Field(examples=["15 cm"])
+    """Distance between the middles of the driven wheels."""
+    max_wheel_speed: Annotated[Speed, AfterValidator(_check_speed)] = Field(examples=["0.6 m/s"])
+    """The speed of a wheel at full duty, measured."""
+    minimum_duty: float = Field(default=0.25, ge=0.0, le=0.9)
+    """The duty, 0 to 1, at which the wheels only just do not turn, measured."""
+    brake: Duration = Field(default=0.3, le=2.0)
+    """How long motors are short-circuited when the robot shall stand; then every output is low, as a motor driver heats
+    while it brakes. 0 lets them coast. Has no effect on motors with ``direction``."""
+    swap_sides: bool = False
+    """Whether the left motor drives the right wheel."""
+    invert_left: bool = False
+    """Whether the left wheel turns backwards when commanded forwards."""
+    invert_right: bool = False
+    """The same for the right wheel."""
+
+    @property
+    def auto_stop_advice(self) -> str:
+        """Advice for the case that nothing stops the motors."""
+        return "let the watchdog process make its outputs safe, and put a switch in the supply of the motors"
+
+    def stops_by_itself_after_s(self) -> float:
+        """Return infinity: outputs keep their level."""
+        return math.inf
+
+
+class HBridgeBase(ABC):
+    """A `MobileBase` on H-bridges. Outputs have levels from 0, low, to `full`, high; those between are pulses.
+
+    Args:
+        left: The motors that the configuration calls left; what drives on which side is up to ``swap_sides``.
+        enable: An output that is high while the robot moves or brakes.
+    """
+
+    def __init__(
+        self,
+        options: HBridgeOptions,
+        context: DriverContext,
+        sides: tuple[Sequence[MotorOutputs], Sequence[MotorOutputs]],
+        *,
+        full: int,
+        enable: int | None = None,
+    ) -> None:
+        self._options = options
+        self._context = context
+        self._sides = sides
+        self._full = full
+        self._enabled = {} if enable is None else {enable: full}
+        self._minimum = round(options.minimum_duty * full)
+        self._step_mps = options.max_wheel_speed / (full - self._minimum)
+        self._drive = DifferentialDrive(track_width_m=options.track_width, max_wheel_mps=options.max_wheel_speed)
+        self._written: dict[int, int] = {}
+        self._writes = 0
+        self._forget()
+
+    @abstractmethod
+    def open(self) -> None:
+        """Take the outputs, all low."""
+
+    @property
+    @abstractmethod
+    def is_open(self) -> bool:
+        """True while the outputs are taken."""
+
+    @abstractmethod
+    def _send(self, levels: Mapping[int, int]) -> None:
+        """Drive outputs: those that become low first. Raises `LinkLostError` once all that can become low are."""
+
+    @abstractmethod
+    def _check_link(self) -> None:
+        """Raise `LinkLostError` if the outputs of a moving robot can no longer be driven."""
+
+    @abstractmethod
+    def _let_go(self) -> None:
+        """Make every output low, whatever was written before, and release what is taken."""
+
+    def apply(self, command: TwistCommand) -> TwistCommand:
+        """Move as commanded.
+
+        The speeds returned are those sent: limited along the same curve, and rounded to whole steps of the duty.
+
+        Raises:
+            LinkLostError: An output cannot be driven.
+        """
+        self._check_open()
+        wheels = self._drive.wheels(Motion(linear_mps=command.linear_mps, angular_radps=command.angular_radps))
+        left, right = round(wheels.left_mps / self._step_mps), round(wheels.right_mps / self._step_mps)
+        if left or right:
+            self._check_link()
+            self._is_moving = True  # noted first: a write that fails half way may have moved it
+            self._write({**self._moving(left, right), **self._enabled})
+        else:
+            self._come_to_rest()
+        sent = self._drive.motion(WheelSpeeds(left_mps=left * self._step_mps, right_mps=right * self._step_mps))
+        return replace(command, linear_mps=sent.linear_mps, angular_radps=sent.angular_radps, tilt_radps=0.0)
+
+    def tick(self, now_s: float) -> None:  # noqa: ARG002 - the context's clock is the same
+        """End the braking of a robot that stands. Raises `LinkLostError` if an output cannot be driven."""
+        self._check_open()
+        if not self._is_moving:
+            self._come_to_rest()
+
+    def report(self) -> BaseReport | None:
+        """Return None: it has no sensors."""
+        return None
+
+    def stop(self) -> None:
+        """Stand still at once, whatever was written before. Does nothing when closed."""
+        if self.is_open:
+            self._written = {}
+            self._come_to_rest()
+
+    def close(self) -> None:
+        """Make every output low and release it, even if that fails. May be called any number of times."""
+        if self.is_open:
+            self._forget()
+            self._let_go()
+
+    def _forget(self) -> None:
+        self._written = {}
+        self._is_moving = False
+        self._brakes_until_s = -math.inf
+
+    def _check_open(self) -> None:
+        if not self.is_open:
+            raise DeviceClosedError(f"the base '{self._context.name}' is not open")
+
+    def _come_to_rest(self) -> None:
+        """Brake for a while, then make every output low."""
+        now_s = self._context.clock.now_s()
+        if self._is_moving:
+            self._brakes_until_s = now_s + self._options.brake
+        self._is_moving = False
+        resting = dict.fromkeys((*self._moving(0, 0), *self._enabled), 0)
+        if now_s >= self._brakes_until_s:
+            self._write(resting)
+            return
+        try:
+            self._write({**resting, **self._braking(), **self._enabled})
+        except DriverError:
+            self._brakes_until_s = -math.inf
+            self._write(resting)  # with one of two inputs still high, the motor would run
+            raise
+
+    def _write(self, levels: Mapping[int, int]) -> None:
+        """Drive outputs to levels; those that have theirs already are left alone.
+
+        A signal may stop the robot from within `_send`, which then goes on with what it was at: nothing is known then.
+        """
+        changed = {output: level for output, level in levels.items() if self._written.get(output) != level}
+        if not changed:
+            return
+        self._writes += 1
+        begun = self._writes
+        known, self._written = self._written, {}  # not known while it may fail
+        self._send(changed)
+        if self._writes == begun:
+            self._written = {**known, **changed}
+        else:
+            self._written = {}
+
+    def _moving(self, left: int, right: int) -> dict[int, int]:
+        """Return the levels for wheels that shall turn with these steps of the duty above the minimum."""
+        left = -left if self._options.invert_left else left
+        right = -right if self._options.invert_right else right
+        steps = (right, left) if self._options.swap_sides else (left, right)
+        levels: dict[int, int] = {}
+        for motors, step in zip(self._sides, steps, strict=True):
+            for motor in motors:
+                levels |= self._motor_levels(motor, step)
+        return levels
+
+    def _motor_levels(self, motor: MotorOutputs, step: int) -> dict[int, int]:
+        strength = self._minimum + abs(step) if step else 0
+        chosen = strength if motor.pwm is None else self._full * bool(step)
+        levels = {motor.forward: chosen if step > 0 else 0}
+        if motor.backward is not None:
+            levels[motor.backward] = chosen if step < 0 else 0
+        if motor.pwm is not None:
+            levels[motor.pwm] = strength
+        return levels
+
+    def _braking(self) -> dict[int, int]:
+        motors = [motor for side in self._sides for motor in side if motor.backward is not None]
+        inputs = [each for motor in motors for each in (motor.forward, motor.backward, motor.pwm)]
+        return {each: self._full for each in inputs if each is not None}
+
 
 HEADER = "header"
 

@@ -22,8 +22,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from pydantic import Field, model_validator
 
-from stadimeter.bases.i2c_link import bus_number, i2c_lacks
-from stadimeter.bases.pca9685 import FULL, Channel, Pca9685, stop_writes
+from stadimeter.bases.pca9685 import FULL, Channel, Pca9685, bus_number, i2c_lacks, stop_writes
 from stadimeter.config.plugins import PORTS, DriverContext, DriverOptions, I2cStop, OptionsTable, driver_names
 from stadimeter.config.units import Angle, Duration
 from stadimeter.core.command import BaseReport, TwistCommand

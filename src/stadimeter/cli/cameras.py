@@ -20,8 +20,15 @@ from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import parse_duration
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.frame_source import OTHER_PROGRAMS, CameraShot, snapshots
-from stadimeter.workbench.run_camera import NONE_FOUND, choice_of, first_picture, list_cameras
+from stadimeter.workbench.frame_source import (
+    NONE_FOUND,
+    OTHER_PROGRAMS,
+    CameraShot,
+    choice_of,
+    first_picture,
+    list_cameras,
+    snapshots,
+)
 
 
 def cameras(

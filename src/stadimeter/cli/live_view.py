@@ -23,6 +23,7 @@ from stadimeter.cli.formatting import length_unit
 from stadimeter.cli.keyboard import RunKeys, Shown
 from stadimeter.cli.layout import fit, heading
 from stadimeter.cli.run_panels import (
+    WINDOW_S,
     Block,
     event_lines,
     explanation_lines,
@@ -36,7 +37,6 @@ from stadimeter.cli.run_panels import (
     rule_blocks,
     target_lines,
 )
-from stadimeter.cli.strip_chart import WINDOW_S
 
 # The screen is drawn anew this often at most.
 REFRESH_S = 0.1

@@ -27,8 +27,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError, ConfigError, EndOfFramesError, StateError
 from stadimeter.perception.mounting import look_at
 from stadimeter.perception.perceiver import Perceiver
-from stadimeter.workbench.frame_source import SETTLING_WAIT_S
-from stadimeter.workbench.run_camera import source_beside_run
+from stadimeter.workbench.frame_source import SETTLING_WAIT_S, source_beside_run
 
 mounting = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
 

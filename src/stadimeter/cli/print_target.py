@@ -23,8 +23,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.drawing import Drawing
 from stadimeter.detectors.protocol import DrawsTarget
 from stadimeter.errors import ConfigError
-from stadimeter.workbench.drawing import write_drawings
-from stadimeter.workbench.printing import PAPERS, Item, board_drawing, print_pages
+from stadimeter.workbench.printing import PAPERS, Item, board_drawing, print_pages, write_drawings
 from stadimeter.workbench.wiring import find_outputs, parts_of, wiring_picture, wiring_text
 
 CHECK = "Print at 100 % (actual size), then measure the ruler: 10 cm and 4 in."

@@ -21,8 +21,16 @@ from stadimeter.core.rule import OnDelay
 from stadimeter.core.words import rounded_duration
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.tuning.noise import Series, series_of
-from stadimeter.workbench.tuning.proposing import FLAPS_A_MINUTE, Beginning, Ending, Proposal, tune
-from stadimeter.workbench.tuning.trials import Settings, Tuned, rule_to_tune
+from stadimeter.workbench.tuning.proposing import (
+    FLAPS_A_MINUTE,
+    Beginning,
+    Ending,
+    Proposal,
+    Settings,
+    Tuned,
+    rule_to_tune,
+    tune,
+)
 
 # A target that was at its threshold for this share of the time is reported: raises there look like false alarms.
 AT_THRESHOLD_TOLD = 0.05

@@ -9,14 +9,15 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from stadimeter.config.analysis import Subject, subject_of
-from stadimeter.config.analysis.bands import band_errors, holding_errors, quantity_errors
-from stadimeter.config.analysis.floors import floor_errors
-from stadimeter.config.analysis.memory import memory_errors
-from stadimeter.config.analysis.promises import promise_errors
-from stadimeter.config.analysis.references import condition_tables_of, reference_errors
-from stadimeter.config.analysis.schedules import schedule_errors
-from stadimeter.config.analysis.second_camera import second_camera_errors
-from stadimeter.config.analysis.writers import shadow_errors
+from stadimeter.config.analysis.bands import band_errors, floor_errors, holding_errors, quantity_errors
+from stadimeter.config.analysis.references import (
+    condition_tables_of,
+    promise_errors,
+    reference_errors,
+    second_camera_errors,
+    shadow_errors,
+)
+from stadimeter.config.analysis.schedules import memory_errors, schedule_errors
 from stadimeter.config.draft import BASE_NAME, Draft, output_path
 from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_list, known_keys
 from stadimeter.config.loop_gain import loop_findings

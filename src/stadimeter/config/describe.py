@@ -13,7 +13,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.conditions.compounds import Condition, leaves
 from stadimeter.core.conditions.evidence import describe_begin, describe_end
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
-from stadimeter.core.conditions.summary import RememberedFigure
+from stadimeter.core.conditions.remembered import RememberedFigure
 from stadimeter.core.plan import BaseOutput, LevelOutput, Output
 from stadimeter.core.rule import (
     ALWAYS,
@@ -29,7 +29,7 @@ from stadimeter.core.rule import (
     RampRule,
     ReportRule,
 )
-from stadimeter.core.rules.report import when_in_words
+from stadimeter.core.rules.ramp import when_in_words
 from stadimeter.core.rules.scheduler import contested_outputs
 from stadimeter.core.words import duration, figure_in_words, length
 

@@ -10,11 +10,8 @@ from typing import Any
 from msgspec import Struct
 
 from stadimeter.config.analysis import Subject, delay_s, frame_rate_hz, subject_of
-from stadimeter.config.analysis.memory import memory_warnings
-from stadimeter.config.analysis.promises import promise_warnings
-from stadimeter.config.analysis.references import rules_asked_for
-from stadimeter.config.analysis.schedules import schedule_warnings
-from stadimeter.config.analysis.writers import priority_warnings, shadow_warnings
+from stadimeter.config.analysis.references import priority_warnings, promise_warnings, rules_asked_for, shadow_warnings
+from stadimeter.config.analysis.schedules import memory_warnings, schedule_warnings
 from stadimeter.config.draft import BASE_NAME, Draft, output_path
 from stadimeter.config.findings import Finding
 from stadimeter.config.loop_gain import loop_findings

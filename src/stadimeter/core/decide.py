@@ -17,7 +17,7 @@ from stadimeter.core.camera_pose import step_mounting
 from stadimeter.core.command import TwistCommand
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.quantities import QUANTITIES
-from stadimeter.core.conditions.summary import RememberedFigure, Summary, step_summary
+from stadimeter.core.conditions.remembered import RememberedFigure, Summary, step_summary
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Severity
 from stadimeter.core.holding import Hold, step_holds, with_holds
 from stadimeter.core.liveness import LivenessState, step_liveness, tell_plain_room
@@ -45,7 +45,7 @@ from stadimeter.core.tracking.life_cycle import step as step_track
 from stadimeter.core.tracking.transverse import TransverseMotion, motions_for, step_motion
 from stadimeter.operator_actions import HoldCommand, OperatorAction, OperatorAnswer, OperatorCommand
 
-# The additions of a cycle to what is remembered over windows of time; see `stadimeter.core.conditions.summary` --------
+# The additions of a cycle to what is remembered over windows of time; see `stadimeter.core.conditions.remembered` -----
 
 
 class Added(NamedTuple):

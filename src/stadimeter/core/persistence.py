@@ -23,13 +23,13 @@ from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.alarms.state import Resumed, Timers
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.remembered import RememberedFigure, Summary
 from stadimeter.core.conditions.sight import PresenceCondition
-from stadimeter.core.conditions.summary import RememberedFigure, Summary
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, GatedRule, Step, conditions_of, gate_of
-from stadimeter.core.rules.report import ReportStep
+from stadimeter.core.rules.ramp import ReportStep
 from stadimeter.core.rules.scheduler import new_rules, with_steps
 from stadimeter.core.tracking.life_cycle import TrackState
 from stadimeter.core.tracking.transverse import motions_for
@@ -146,7 +146,7 @@ class AlarmSnapshot(Struct, frozen=True, kw_only=True):
     last_raised_at_s: float | None = None
     """When it was raised last, for one that a sequence names."""
     sent_at_s: float | None = None
-    """As in `stadimeter.core.rules.report.ReportStep`, and so is `sent`, its count."""
+    """As in `stadimeter.core.rules.ramp.ReportStep`, and so is `sent`, its count."""
     sent: int = 0
     summary: Summary | None = None
 

@@ -10,9 +10,8 @@ from msgspec.structs import force_setattr
 
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.leaf import Leaf
-from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.conditions.remembered import RememberedCondition, RememberedFigure
 from stadimeter.core.conditions.schedule import ScheduleCondition
-from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.rule import AnyRule, ReportRule, conditions_of
 from stadimeter.core.sensor_fusion import SensorPair
 from stadimeter.core.tracking.life_cycle import NearestOf

@@ -3,8 +3,8 @@
 Each camera is calibrated by itself first. Each pair then says where the right camera is; the one that explains the
 other pairs best, by the median of their errors, is where the fit begins (least median of squares, P. Rousseeuw, 1984),
 so pairs that do not belong together do not lead it astray. Then both lenses, the pose and all boards are fitted
-together by Gauss and Newton, the boards' poses eliminated as in `stadimeter.ranging.fit_covariance`, whose covariance
-it takes.
+together by Gauss and Newton, the boards' poses eliminated as in `stadimeter.ranging.board_calibration`, whose
+covariance it takes.
 """
 
 from __future__ import annotations
@@ -26,12 +26,15 @@ from stadimeter.ranging.board_calibration import (
     VIEWS_MIN,
     BoardCalibration,
     BoardView,
+    PlacedBoard,
+    camera_matrix,
+    corner_variance_px2,
     distances_px,
     in_common,
+    inverse_root,
     outlier_limit_px,
     ways_to_bend,
 )
-from stadimeter.ranging.fit_covariance import PlacedBoard, camera_matrix, corner_variance_px2, inverse_root
 from stadimeter.ranging.stereo import slopes_of, triangulate
 
 # Steps of Gauss and Newton; they end when the sum of squares falls by less than this share.

@@ -17,8 +17,7 @@ from gpiozero.pins.mock import MockFactory, MockPWMPin
 from stadimeter.bases.protocol import MotorOutputs
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.clock import Clock
-from stadimeter.simulation.emulated_base import EmulatedWheel
-from stadimeter.simulation.emulated_port import SERVED_EVERY_S
+from stadimeter.simulation.emulated_base import SERVED_EVERY_S, EmulatedWheel
 from stadimeter.simulation.motion import DifferentialRobot
 from stadimeter.simulation.world import World, shared_world
 

@@ -12,7 +12,7 @@ from gpiozero.pins.mock import MockFactory, MockPWMPin
 
 from stadimeter.config.plugins import DriverContext
 from stadimeter.gpio.output_pin import SHARED_KEY
-from stadimeter.simulation.emulated_port import EmulatedPort
+from stadimeter.simulation.emulated_base import EmulatedPort
 
 # A kernel moves bytes from the buffer that is written into another one, and then has room once more: by a worker of its
 # own, which on a busy machine (load 7) was once not there after 200 ms.

@@ -35,8 +35,7 @@ from stadimeter.app.control.recording import CLIPS, recordings_folder
 from stadimeter.app.control.socket_server import Answer
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.persistence.resumption import state_text
-from stadimeter.app.recordings.journal import RecordedConfiguration
-from stadimeter.app.recordings.record_file import ENDING, delete_old
+from stadimeter.app.recordings.journal import ENDING, RecordedConfiguration, delete_old
 from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.app.recordings.recording import (
     Entry,

@@ -25,8 +25,7 @@ from stadimeter.app.control.messages import RecordArgs, Reply
 from stadimeter.app.control.socket_server import Answer
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.places import state_directory
-from stadimeter.app.recordings.journal import RecordedConfiguration
-from stadimeter.app.recordings.record_file import ENDING, delete_old
+from stadimeter.app.recordings.journal import ENDING, RecordedConfiguration, delete_old
 from stadimeter.config.loader import is_demonstration
 from stadimeter.core.decide import State
 from stadimeter.core.frame import Frame

@@ -19,7 +19,7 @@ from stadimeter.app.clock import is_synchronised
 from stadimeter.app.deliveries import Undelivered
 from stadimeter.app.exact_json import decode, encode
 from stadimeter.core.alarms.alarm import AlarmStep
-from stadimeter.core.conditions.summary import Summary
+from stadimeter.core.conditions.remembered import Summary
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
 from stadimeter.core.holding import Hold
@@ -29,8 +29,7 @@ from stadimeter.core.outputs import OutputStep
 from stadimeter.core.persistence import Absence, AlarmSnapshot, meaning_of, restore_alarms
 from stadimeter.core.rule import AnyRule, Step
 from stadimeter.core.rules.follow import FollowStep
-from stadimeter.core.rules.ramp import RampStep
-from stadimeter.core.rules.report import ReportStep
+from stadimeter.core.rules.ramp import RampStep, ReportStep
 from stadimeter.core.rules.scheduler import with_steps
 from stadimeter.core.safety import SafetyState
 from stadimeter.core.tracking.life_cycle import TrackState

@@ -25,13 +25,15 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings import recording_messages as messages
 from stadimeter.app.recordings.journal import (
     FILE_NAME,
+    LIBRARY,
     CycleEncoder,
     RecordedConfiguration,
+    RecordFile,
     cycle_schema,
+    is_ours,
     reload_json,
     to_be_recorded,
 )
-from stadimeter.app.recordings.record_file import LIBRARY, RecordFile, is_ours
 from stadimeter.config.extras import require
 from stadimeter.config.files import sha256_of
 from stadimeter.config.loader import Configuration

@@ -7,18 +7,120 @@ from collections.abc import Iterator
 from itertools import combinations
 from typing import Any
 
+import numpy as np
+
 from stadimeter.config.analysis import Subject
-from stadimeter.config.analysis.overlap import parts_of_all, range_of, span_of
+from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
 from stadimeter.config.toml_lines import KeyPath
-from stadimeter.core.conditions.leaf import Leaf, Span
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_pose import Footing
+from stadimeter.core.conditions.compounds import AllOf, Condition
+from stadimeter.core.conditions.leaf import IN_SIGHT, Leaf, Span
 from stadimeter.core.conditions.limits import LimitsCondition, ends_of
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
 from stadimeter.core.conditions.sight import CountCondition
-from stadimeter.core.rule import AlarmRule, RampRule
+from stadimeter.core.rule import ALWAYS, AlarmRule, AnyRule, FollowRule, RampRule, gate_of
 from stadimeter.core.words import short_figure
+
+# Targets on the floor whose distance by it cannot be: the camera's height is not known, or it sees no floor -----------
+
+# A target whose centre is as high as the camera is level with it at every distance.
+LEVEL_M = 0.01
+
+
+def floor_errors(subject: Subject) -> Iterator[Finding]:
+    """Find targets on the floor that the camera cannot measure by it."""
+    draft = subject.draft
+    standing = {name: table for name, table in draft.target_tables.items() if table.on_floor is not False}
+    for name, table in standing.items():
+        at = ("targets", name, "on_floor")
+        if draft.camera_table.height is None:
+            hint = 'measure it and add such as height = "30 cm" to [camera], or run `stadimeter calibrate floor`'
+            yield Finding(at, "how high the camera is above the floor is not known", hint, "height-unknown")
+        elif (footing := draft.camera_table.footing(table)) is not None and _is_level(footing):
+            message = f"its centre is as high as the camera, {footing.centre_m:g} m, so the floor tells no distance"
+            yield Finding(at, message, "leave on_floor out, or mount the camera higher", "floor-unseen")
+    footing = next((found for table in standing.values() if (found := draft.camera_table.footing(table))), None)
+    if footing is not None:
+        yield from _camera(draft, footing)
+
+
+def _is_level(footing: Footing) -> bool:
+    centre_m, height_m = footing.centre_m, footing.height_m
+    return centre_m is not None and height_m > 0 and abs(height_m - centre_m) < LEVEL_M
+
+
+def _camera(draft: Draft, footing: Footing) -> Iterator[Finding]:
+    if footing.height_m == 0:
+        hint = 'write how high its lens is, such as height = "30 cm", or leave on_floor out'
+        yield Finding(("camera", "height"), "a camera at 0 m above the floor sees none of it", hint, "floor-unseen")
+    elif draft.camera_model is not None and not _is_floor_seen(draft.camera_model, footing.tilt_rad):
+        message = f"looking up by {math.degrees(footing.tilt_rad):g}°, the camera has the floor below its picture"
+        hint = 'below zero is down, such as tilt = "-12 deg"; or leave on_floor out'
+        yield Finding(("camera", "tilt"), message, hint, "floor-unseen")
+    options = draft.base.options if draft.base is not None else None
+    if getattr(options, "tilt", None) is not None:
+        message = "the base tilts the camera, so its tilt above the floor is not known"
+        yield Finding((BASE_NAME, "tilt"), message, "leave on_floor out, or the tilt of the base", "floor-unseen")
+
+
+def _is_floor_seen(lens: CameraModel, tilt_rad: float) -> bool:
+    right, bottom = lens.width_px - 1.0, lens.height_px - 1.0
+    corners = np.array([(0.0, 0.0), (right, 0.0), (0.0, bottom), (right, bottom)])
+    # A direction falls towards the floor where y cos t - sin t is above zero.
+    return bool((lens.directions(corners)[:, 1] * math.cos(tilt_rad) > math.sin(tilt_rad)).any())
+
+
+# The spans of one figure where a condition holds, or a rule acts: they tell that two never meet, or always ------------
+#
+# It looks at limits, deadbands and whether a target is in sight. What is made of others with `any` or `not`, and
+# schedules, may meet everything: nothing is said of these.
+
+
+def span_of(condition: Condition) -> Span | None:
+    """Return where a simple condition holds; None for one of which nothing is said."""
+    return condition.span if isinstance(condition, Leaf) else None
+
+
+def range_of(rule: AnyRule) -> Span | None:
+    """Return where a rule would act if its gate were open; None where that is no single span."""
+    if isinstance(rule, AlarmRule):
+        return span_of(rule.condition)
+    if isinstance(rule, FollowRule):
+        return Span((IN_SIGHT, rule.target), 0.0, math.inf)
+    if not isinstance(rule, RampRule) or rule.points:
+        return None
+    begins = _begins(rule)
+    low, high = (begins, math.inf) if rule.full > rule.start else (-math.inf, begins)
+    return span_of(FigureCondition(quantity=rule.quantity, above=low, below=high, target=rule.target))
+
+
+def is_always_open(rule: AnyRule) -> bool:
+    """Check whether nothing but its range keeps a rule from acting."""
+    gate = gate_of(rule)
+    return gate.suppress_when is None and (isinstance(rule, AlarmRule) or gate.condition is ALWAYS)
+
+
+def parts_of_all(written: WrittenCondition) -> Iterator[WrittenCondition]:
+    """Yield the conditions that must hold together: a condition itself, or the parts of an `all`."""
+    if not isinstance(written.condition, AllOf):
+        yield written
+        return
+    for part in written.parts():
+        yield from parts_of_all(part)
+
+
+def _begins(ramp: RampRule) -> float:
+    """Return where the level comes out of the dead zone."""
+    if ramp.dead_zone <= ramp.level_min:
+        return ramp.start
+    if ramp.dead_zone >= ramp.level_max:
+        return ramp.full
+    share = math.pow((ramp.dead_zone - ramp.level_min) / (ramp.level_max - ramp.level_min), 1 / ramp.gamma)
+    return ramp.start + share * (ramp.full - ramp.start)
 
 
 def band_errors(subject: Subject) -> Iterator[Finding]:

@@ -28,16 +28,20 @@ from stadimeter.config.units import (
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.figures import Quantity
+from stadimeter.core.conditions.evidence import Quantity
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.measured import FigureCondition
-from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
-from stadimeter.core.conditions.of_rules import RuleCondition, SequenceCondition, UndeliveredCondition
+from stadimeter.core.conditions.of_rules import (
+    BatteryCondition,
+    ContactSensorCondition,
+    RuleCondition,
+    SequenceCondition,
+    UndeliveredCondition,
+)
 from stadimeter.core.conditions.quantities import AXES, STILL_WITHIN_M
-from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.conditions.remembered import FigureQuantity, RememberedCondition, RememberedFigure, Window
 from stadimeter.core.conditions.schedule import DateSpan, ScheduleCondition, Sun
 from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
-from stadimeter.core.conditions.summary import FigureQuantity, RememberedFigure, Window
 from stadimeter.core.decision import Severity
 from stadimeter.core.observation import MonthDay
 from stadimeter.core.words import duration
@@ -169,7 +173,7 @@ class FigureLimitsTable(Section):
 
 
 class FigureTable(WindowTable):
-    """A figure that is remembered; see `stadimeter.core.conditions.summary.RememberedFigure`."""
+    """A figure that is remembered; see `stadimeter.core.conditions.remembered.RememberedFigure`."""
 
     target: str | None = None
     """The target; may be left out where there is only one."""

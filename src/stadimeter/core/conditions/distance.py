@@ -7,7 +7,7 @@ import math
 from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_LENGTH_M, MIN_QUANTITY
-from stadimeter.core.conditions.figures import Quantity, Uncertain, probability_below, quantity_of
+from stadimeter.core.conditions.evidence import Quantity, Uncertain, probability_below, quantity_of
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, back_words
 from stadimeter.core.conditions.limits import (
     LimitsCondition,

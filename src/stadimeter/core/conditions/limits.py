@@ -18,7 +18,7 @@ from typing import ClassVar
 
 from msgspec.structs import replace
 
-from stadimeter.core.conditions.figures import Uncertain, probability_between
+from stadimeter.core.conditions.evidence import Uncertain, probability_between
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Span, Threshold, back_words
 
 # Nothing is in doubt this many standard deviations from a threshold.

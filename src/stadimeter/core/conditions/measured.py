@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.bounds import MAX_BY_UNIT, MIN_QUANTITY
 from stadimeter.core.conditions import quantities
-from stadimeter.core.conditions.figures import Uncertain
+from stadimeter.core.conditions.evidence import Uncertain
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Span, Threshold, back_words, closing_words
 from stadimeter.core.conditions.limits import LimitsCondition
 from stadimeter.core.tracking.transverse import AskedMotion

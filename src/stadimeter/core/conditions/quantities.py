@@ -15,7 +15,7 @@ from operator import mul
 from typing import Literal, NamedTuple, get_args
 
 from stadimeter.core.bounds import MIN_QUANTITY, SIZE_UNIT
-from stadimeter.core.conditions.figures import Uncertain, closing_of, direction_of, quantity_of, separation_of
+from stadimeter.core.conditions.evidence import Uncertain, closing_of, direction_of, quantity_of, separation_of
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.tracking.transverse import AskedMotion
 from stadimeter.core.tracking.transverse import direction_of as vector_of

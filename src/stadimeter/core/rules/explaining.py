@@ -30,8 +30,7 @@ from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule, ReportRule, Step, gate_of
 from stadimeter.core.rules.follow import FollowStep, describe_follow
-from stadimeter.core.rules.ramp import describe_ramp
-from stadimeter.core.rules.report import ReportStep, describe_report
+from stadimeter.core.rules.ramp import ReportStep, describe_ramp, describe_report
 from stadimeter.core.rules.scheduler import EvaluatedRules
 from stadimeter.core.words import rounded_duration
 

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.alarms.alarm import OPEN, Gate, GatedStep
 from stadimeter.core.command import BaseReport, TwistCommand
-from stadimeter.core.conditions.figures import quantity_of
+from stadimeter.core.conditions.evidence import quantity_of
 from stadimeter.core.conditions.leaf import RuleInputs, describe_unseen
 from stadimeter.core.decision import Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.measurement import Track

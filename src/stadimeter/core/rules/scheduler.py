@@ -41,8 +41,7 @@ from stadimeter.core.rule import (
     gate_of,
 )
 from stadimeter.core.rules.follow import FollowStep, new_follow, step_follow
-from stadimeter.core.rules.ramp import RampStep, new_ramp, step_ramp
-from stadimeter.core.rules.report import ReportStep, new_report, step_report
+from stadimeter.core.rules.ramp import RampStep, ReportStep, new_ramp, new_report, step_ramp, step_report
 from stadimeter.core.tracking.transverse import AskedMotion
 from stadimeter.operator_actions import OperatorAnswer, OperatorCommand
 

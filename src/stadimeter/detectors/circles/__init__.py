@@ -28,13 +28,13 @@ from stadimeter.detectors.disc import (
     DiscOptions,
     Shade,
 )
-from stadimeter.detectors.disc.choice import Disc, Judged, list_rejected
 from stadimeter.detectors.disc.edges import BEND_PARTS, THOROUGHLY, quality
 from stadimeter.detectors.disc.ellipse import EdgePicture, Lens, turns
+from stadimeter.detectors.disc.search import Disc, Judged, list_rejected
 from stadimeter.detectors.hsv import HsvRangeText
 from stadimeter.detectors.protocol import ONE_OF_A_KIND, SetupKind, SetupQuestion, check_image, size_question
 from stadimeter.detectors.sampling import Region, touches_border
-from stadimeter.ranging.circles import CORNERS, CirclesShape
+from stadimeter.ranging.flat import CORNERS, CirclesShape
 
 # By how much each side of the triangle, measured in diameters of its two discs, may differ from what is known, as a
 # share; and how far another triangle must be behind the best one, which is ambiguous otherwise.

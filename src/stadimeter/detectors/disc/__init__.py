@@ -2,7 +2,7 @@
 
 A circle that does not face the camera appears as an ellipse. Another ellipse of even brightness, such as another lid,
 looks the same as the disc: the one that most speaks for is taken, unless others do as much, see
-`stadimeter.detectors.disc.choice`. A
+`stadimeter.detectors.disc.search`. A
 disc that is partly hidden, or touches what is as bright, is looked for where there is no whole one.
 """
 
@@ -21,18 +21,6 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.drawing import Circle, Drawing
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.disc.choice import (
-    MAX_REJECTED,
-    Disc,
-    Judged,
-    RefusedDisc,
-    colour_share,
-    find_colour_trouble,
-    find_doubt,
-    likeness,
-    list_rejected,
-    refuse_shape,
-)
 from stadimeter.detectors.disc.edges import (
     ROUGHLY,
     THOROUGHLY,
@@ -47,12 +35,22 @@ from stadimeter.detectors.disc.edges import (
 )
 from stadimeter.detectors.disc.ellipse import EdgePicture, Ellipse, Lens
 from stadimeter.detectors.disc.search import (
+    MAX_REJECTED,
     MIN_RANGE,
+    Disc,
+    Judged,
     Outline,
+    RefusedDisc,
     View,
+    colour_share,
+    find_colour_trouble,
+    find_doubt,
     find_outlines,
     find_partly_hidden,
+    likeness,
+    list_rejected,
     pick_largest,
+    refuse_shape,
 )
 from stadimeter.detectors.hsv import HsvRangeText
 from stadimeter.detectors.protocol import ONE_OF_A_KIND, SetupKind, check_image, size_question

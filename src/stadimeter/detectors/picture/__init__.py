@@ -21,8 +21,7 @@ from stadimeter.config.units import FilePath, Length, Tolerance
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.picture.alignment import Alignment, PictureLight, align
-from stadimeter.detectors.picture.features import MIN_AGREEING, PictureFeatures
+from stadimeter.detectors.picture.alignment import MIN_AGREEING, Alignment, PictureFeatures, PictureLight, align
 from stadimeter.detectors.protocol import SetupKind, SetupQuestion, check_image, size_question
 from stadimeter.detectors.sampling import Light, Region, grey_of, in_light, light_table, touches_border
 from stadimeter.detectors.sides import diagonals_meet, side_lengths, width_and_height

@@ -21,19 +21,20 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText
 from stadimeter.detectors.protocol import ONE_OF_A_KIND, Remedy, SetupKind, check_image, size_question
 from stadimeter.detectors.sampling import Region, touches_border
-from stadimeter.detectors.sheet.candidates import Findings, SheetCandidate
-from stadimeter.detectors.sheet.edges import OutlineSides, SheetPicture, edge_points, measure_outline
-from stadimeter.detectors.sheet.evidence import slack_share
-from stadimeter.detectors.sheet.search import EXPECTED_SIZES, MISFIT_FACTOR, MISFIT_SIGMAS, SLACK_SIGMAS, SheetSearch
-from stadimeter.detectors.sheet.side_tests import (
+from stadimeter.detectors.sheet.candidates import (
     MAX_BEND_PX,
     MAX_BEND_SHARE,
     MIN_CONTRAST,
     MIN_MEAN_SUPPORT,
     MIN_SUPPORT,
+    Findings,
+    SheetCandidate,
     mistaken_for,
     other_paper,
 )
+from stadimeter.detectors.sheet.edges import OutlineSides, SheetPicture, edge_points, measure_outline
+from stadimeter.detectors.sheet.evidence import slack_share
+from stadimeter.detectors.sheet.search import EXPECTED_SIZES, MISFIT_FACTOR, MISFIT_SIGMAS, SLACK_SIGMAS, SheetSearch
 from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, width_and_height
 from stadimeter.ranging.flat import KnownSide, SheetShape
 from stadimeter.ranging.plane_pose import rectangle_poses

@@ -31,10 +31,9 @@ import numpy as np
 from stadimeter.core.detection import Flags, Indices, Points, Values
 from stadimeter.core.frame import Image
 from stadimeter.detectors.hsv import HsvRange
-from stadimeter.detectors.sheet.candidates import SheetFit
+from stadimeter.detectors.sheet.candidates import SheetFit, bends, unevenness
 from stadimeter.detectors.sheet.edges import QuadEdges
 from stadimeter.detectors.sheet.quadrilaterals import AFTER, BEFORE, SearchedPicture, counts_of
-from stadimeter.detectors.sheet.side_tests import bends, unevenness
 from stadimeter.detectors.sides import areas
 from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.plane_pose import COORDINATES

@@ -25,12 +25,19 @@ from stadimeter.detectors.sampling import (
     to_full_scale,
 )
 from stadimeter.detectors.sheet.candidates import (
+    MIN_CONTRAST,
+    MIN_CUT_SUPPORT,
     SURE_EVIDENCE,
     Findings,
     SheetCandidate,
     SheetFit,
     SheetOutlines,
     Test,
+    even_limits,
+    other_paper,
+    other_shape,
+    side_tests,
+    small_text,
 )
 from stadimeter.detectors.sheet.edges import (
     SUPPORTED,
@@ -60,15 +67,6 @@ from stadimeter.detectors.sheet.quadrilaterals import (
     other_masks,
     pale_masks,
     quick_masks,
-)
-from stadimeter.detectors.sheet.side_tests import (
-    MIN_CONTRAST,
-    MIN_CUT_SUPPORT,
-    even_limits,
-    other_paper,
-    other_shape,
-    side_tests,
-    small_text,
 )
 from stadimeter.detectors.sides import longest_sides_px, quad_shapes, width_and_height
 from stadimeter.ranging.flat import SheetShape

@@ -58,10 +58,17 @@ from stadimeter.ranging.site_fit import (
     further_place_m,
     read_placement,
 )
-from stadimeter.workbench.drawing import pdf_of, svg_of, text_width_m
-from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, open_source
+from stadimeter.workbench.frame_source import (
+    SETTLING_WAIT_S,
+    Source,
+    choice_of,
+    is_same_camera,
+    list_cameras,
+    open_source,
+    source_beside_run,
+)
 from stadimeter.workbench.measuring import Measuring
-from stadimeter.workbench.run_camera import choice_of, is_same_camera, list_cameras, source_beside_run
+from stadimeter.workbench.printing import pdf_of, svg_of, text_width_m
 
 # How many distances are proposed, from which on, and up to where if no rule says.
 PROPOSED, NEAREST_M, USUAL_FARTHEST_M = 5, 0.5, 3.0

@@ -24,13 +24,16 @@ from msgspec import Struct, field
 
 from stadimeter.app.recordings.journal import (
     FILE_NAME,
+    HEAD_BYTES,
+    LIBRARY,
+    MAGIC,
     JournalHeader,
     RecordedConfiguration,
     RecordedCycle,
     readable,
     reload_of,
+    writer_of,
 )
-from stadimeter.app.recordings.record_file import HEAD_BYTES, LIBRARY, MAGIC, writer_of
 from stadimeter.app.recordings.recording import (
     ANNOTATIONS,
     CAMERA_FILE,

@@ -13,6 +13,7 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.app.persistence.resumption import read_state
 from stadimeter.app.recordings.journal import (
+    MAGIC,
     JournalHeader,
     RecordedConfiguration,
     RecordedCycle,
@@ -21,7 +22,6 @@ from stadimeter.app.recordings.journal import (
     readable,
     to_be_recorded,
 )
-from stadimeter.app.recordings.record_file import MAGIC
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.decision import Decision

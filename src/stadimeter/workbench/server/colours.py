@@ -14,9 +14,8 @@ from stadimeter.core.measurement import Measurement
 from stadimeter.detectors.protocol import ProposesColour
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.colour_aids import colour_picture, range_figures, with_range
-from stadimeter.workbench.frame_source import SETTLING_WAIT_S
+from stadimeter.workbench.frame_source import SETTLING_WAIT_S, RunCamera
 from stadimeter.workbench.measuring import Measuring
-from stadimeter.workbench.run_camera import RunCamera
 from stadimeter.workbench.server.editing import load_text, save, saved_text, version_of
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.run_of_desk import run_socket

@@ -14,9 +14,8 @@ from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
 from stadimeter.errors import ConfigError, NotThereError, PictureError, StadimeterError
-from stadimeter.workbench.frame_source import SETTLING_WAIT_S
+from stadimeter.workbench.frame_source import SETTLING_WAIT_S, source_beside_run
 from stadimeter.workbench.measuring import open_picture
-from stadimeter.workbench.run_camera import source_beside_run
 from stadimeter.workbench.saving import check_is_not_ours
 from stadimeter.workbench.setup.camera_step import CameraStep, HeldCamera, picture_names, table_of
 from stadimeter.workbench.setup.colour_step import ColourTrial

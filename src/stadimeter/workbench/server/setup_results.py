@@ -9,7 +9,7 @@ from stadimeter.config.driver_tables import ACTUATOR, DRIVER_KINDS
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import HEADER, TAKEN
 from stadimeter.errors import ConfigError
-from stadimeter.workbench.drawing import svg_of
+from stadimeter.workbench.printing import svg_of
 from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.setup_operations import setup_of

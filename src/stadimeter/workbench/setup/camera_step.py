@@ -20,16 +20,17 @@ from stadimeter.errors import ConfigError, DriverError, PictureError, Stadimeter
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.frame_source import (
     BALL,
+    NONE_FOUND,
     SETTLING_WAIT_S,
     SimulatedRoom,
     Source,
     files_shown,
+    list_cameras,
     open_source,
     take_frame,
 )
 from stadimeter.workbench.measuring import is_video_file
 from stadimeter.workbench.picture_metadata import picture_remarks
-from stadimeter.workbench.run_camera import NONE_FOUND, list_cameras
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, SetupStep, words_of
 
 # The picture in which places are meant that answers name.

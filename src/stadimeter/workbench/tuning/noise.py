@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.core.bounds import MAX_FIGURE
-from stadimeter.core.conditions.figures import Quantity
+from stadimeter.core.conditions.evidence import Quantity
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.tracking.filter import NOISE_FLOOR_M
 from stadimeter.errors import JournalError
