@@ -177,8 +177,20 @@ def line_sums(weight: Values, along: Values, off: Values) -> list[list[float]]:
     return sums
 
 
-def corners_between(lines: Sequence[tuple[float, float, float]]) -> Points | None:
-    """Return where neighbouring lines a x + b y = c meet, shape ``(4, 2)``; None where two are all but parallel."""
+def corners_of_lines(frame: SideFrame, offset: Values, slope: Values) -> Points | None:
+    """Return the corners between neighbouring lines, ``(4, 2)``; None where two of them are all but parallel.
+
+    Args:
+        frame: The sides as they were expected.
+        offset: Of each fitted line, its difference from the expected one at its middle, shape ``(4, 1)``.
+        slope: The difference of its slope, shape ``(4, 1)``.
+    """
+    changes = np.concatenate((slope, offset - slope * frame.middle), axis=1).tolist()
+    # A side across = slope * along + level as a x + b y = c, where along is x for the flat ones.
+    lines = []
+    for side, (steeper, higher) in zip(frame.sides, changes, strict=True):
+        steep, level = side.slope + steeper, side.at_zero + higher
+        lines.append((-steep, 1.0, level) if side.flat else (1.0, -steep, level))
     met = []
     for number in range(4):
         (a, b, c), (d, e, f) = lines[number - 1], lines[number]

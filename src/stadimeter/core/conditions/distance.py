@@ -145,7 +145,7 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def within(self) -> str:
         """The thresholds, and whether they are on the depth."""
-        return f"{Leaf.within.fget(self)}{' along the optical axis' if self.quantity == 'depth' else ''}"  # type: ignore[attr-defined]
+        return f"{super().within}{' along the optical axis' if self.quantity == 'depth' else ''}"
 
     @property
     def ends(self) -> str:

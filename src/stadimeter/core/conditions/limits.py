@@ -92,7 +92,7 @@ class LimitsCondition(Leaf):
     @property
     def span(self) -> Span | None:
         """The stretch of its figure; see `Leaf.span`."""
-        span: Span | None = Leaf.span.fget(self)  # type: ignore[attr-defined]
+        span: Span | None = super().span
         return span and replace(span, deadband=self.deadband)
 
     @property

@@ -97,7 +97,7 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
         """As of any limits; the time of standing still is written as ``for``."""
-        found = LimitsCondition.thresholds.fget(self)  # type: ignore[attr-defined]
+        found = super().thresholds
         return tuple([each._replace(key="still.for") for each in found]) if self.quantity == "still" else found
 
     @property
@@ -121,7 +121,7 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def span(self) -> Span | None:
         """The stretch of its figure, of a comparison for both orders of the targets; see `Leaf.span`."""
-        span: Span | None = LimitsCondition.span.fget(self)  # type: ignore[attr-defined]
+        span: Span | None = super().span
         if span is None or not self.is_comparison or self.target <= self.other:
             return span
         return replace(span, low=-span.high, high=-span.low)
@@ -146,7 +146,7 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def subject(self) -> str:
         """The quantity and the target, or both targets."""
-        return f"`{self.target}` and `{self.other}` are" if self._is_apart else Leaf.subject.fget(self)  # type: ignore[attr-defined]
+        return f"`{self.target}` and `{self.other}` are" if self._is_apart else super().subject
 
     @property
     def begins(self) -> str:
@@ -157,7 +157,7 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
             by = abs(next(limit for limit in self.limits if math.isfinite(limit)))
             more = f" by {figure_in_words(by, self.unit)}" if by else ""
             return f"`{self.target}` is {self.comparison.replace('_', ' ')} `{self.other}`{more}"
-        return Leaf.begins.fget(self)  # type: ignore[attr-defined, no-any-return]
+        return super().begins
 
     @property
     def ends(self) -> str:
@@ -166,7 +166,7 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
             return "it has moved"
         if self._is_apart:
             return f"they are {back_words(self, self.deadband, self.deadband_sigmas)}"
-        return LimitsCondition.ends.fget(self)  # type: ignore[attr-defined, no-any-return]
+        return super().ends
 
     def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:
         """Return the figure and the thresholds; of two targets apart both are named already. See `Leaf.verdict`."""

@@ -31,7 +31,7 @@ from stadimeter.detectors.sides import (
     LIMITS_PX,
     MAD_TO_SIGMA,
     SideFrame,
-    corners_between,
+    corners_of_lines,
     line_sums,
     pixels_across,
     quad_area,
@@ -321,7 +321,7 @@ def _measure_within(
     line = _fit_lines(look, off, worth)
     if free is not None:
         line.offset[free], line.slope[free] = 0.0, 0.0
-    corners = _intersections(look.at, line)
+    corners = corners_of_lines(look.at, line.offset, line.slope)
     if corners is None:
         return None
     return OutlineSides(
@@ -486,14 +486,3 @@ def _line(sums: OfSides) -> tuple[float, float]:
     total = max(total, 1e-9)
     slope = (together - first * height / total) / max(second - first * first / total, 1e-9)
     return (height - slope * first) / total, slope
-
-
-def _intersections(frame: SideFrame, fitted: _Lines) -> Points | None:
-    """Return the corners between neighbouring lines, ``(4, 2)``; None where two of them are all but parallel."""
-    # A side across = slope * along + level as a x + b y = c, where along is x for the flat ones.
-    changes = np.concatenate((fitted.slope, fitted.offset - fitted.slope * frame.middle), axis=1).tolist()
-    lines = []
-    for side, (steeper, higher) in zip(frame.sides, changes, strict=True):
-        steep, level = side.slope + steeper, side.at_zero + higher
-        lines.append((-steep, 1.0, level) if side.flat else (1.0, -steep, level))
-    return corners_between(lines)

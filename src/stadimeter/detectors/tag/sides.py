@@ -26,7 +26,7 @@ from stadimeter.detectors.sides import (
     MAD_TO_SIGMA,
     SideFrame,
     SideLine,
-    corners_between,
+    corners_of_lines,
     line_sums,
     pixels_across,
     quad_area,
@@ -251,7 +251,7 @@ def measure_sides(
 def _fit(grey: Plane, frame: TagFrame, look: Look, light: Light) -> TagSides | None:
     steps = _steps(_profiles(grey, frame, light), frame)
     lines = fit_lines(frame.at, steps.off, steps.height > MIN_RISE, refit=look.refit)
-    met = intersections(frame.at, lines)
+    met = corners_of_lines(frame.at, lines.offset, lines.slope)
     if met is None:
         return None
     return TagSides(corners_px=met, contrast=steps.contrast, edge_px=steps.edge_px, lines=lines)
@@ -395,18 +395,6 @@ def _bend_px(distance: Values, squares_px2: float, steps: int) -> float:
 def _parabola(steps: int) -> Values:
     """Return Legendre's second polynomial along a side: a parabola without a line in it, from 1 to -1/2 and back."""
     return np.asarray(1.5 * np.linspace(-1, 1, steps) ** 2 - 0.5)
-
-
-def intersections(frame: SideFrame, lines: TagLines) -> Points | None:
-    """Return the corners between neighbouring lines, shape ``(4, 2)``; None where two of them are all but parallel."""
-    changes = np.concatenate((lines.slope, lines.offset - lines.slope * frame.middle), axis=1).tolist()
-    # What was fitted is the difference from the expected line, about its middle: added, it gives the line itself. A
-    # side across = slope * along + at_zero as a x + b y = c, where along is x for the flat ones.
-    sides = []
-    for side, (steeper, higher) in zip(frame.sides, changes, strict=True):
-        slope, at_zero = side.slope + steeper, side.at_zero + higher
-        sides.append((-slope, 1.0, at_zero) if side.flat else (1.0, -slope, at_zero))
-    return corners_between(sides)
 
 
 def _limit(distance: Values) -> Values:
