@@ -301,6 +301,9 @@ def test_what_a_file_is_its_content_tells_and_not_its_name(tmp_path):
     (tmp_path / "text.mcap").write_text("hello\n")
     with pytest.raises(JournalError, match="not a journal"):
         read_recording(tmp_path / "text.mcap")
+    (tmp_path / "empty.mcap").touch()
+    with pytest.raises(JournalError, match="empty"):
+        read_recording(tmp_path / "empty.mcap")
 
 
 def test_what_the_run_took_over_from_an_earlier_one_is_in_the_recording(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -245,9 +246,19 @@ def test_what_is_wrong_in_an_inline_camera_model_is_placed_in_the_configuration(
 
 
 def test_a_driver_whose_library_is_missing_is_said_so(told: Told, sound: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "stadimeter.messaging.mqtt", None)
+    monkeypatch.delitem(sys.modules, "stadimeter.messaging.mqtt", raising=False)
+    monkeypatch.setitem(sys.modules, "paho.mqtt.client", None)
     (line,) = told(sound + '[messenger]\ndriver = "mqtt"\n')
     assert "messenger.driver: the driver 'mqtt' needs a library that is not installed" in line
+
+
+def test_a_driver_whose_file_has_moved_since_the_program_was_set_up_says_to_set_it_up_again(
+    told: Told, sound: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "stadimeter.messaging.mqtt", None)
+    (line,) = told(sound + '[messenger]\ndriver = "mqtt"\n')
+    assert "messenger.driver: the driver 'mqtt' is no longer in stadimeter.messaging.mqtt" in line
+    assert "set it up again" in line
 
 
 def test_a_wrong_test_of_rules_stops_check_and_no_run(tmp_path: Path, sound: str) -> None:

@@ -325,7 +325,7 @@ def load_driver(group: str, name: str) -> type[DriverOptions]:
 
     Raises:
         DriverNotFoundError: No driver has that name; the message lists those that exist and the likely one.
-        DriverUnavailableError: A library that it needs is not installed.
+        DriverUnavailableError: A library that it needs is not installed, or its file has moved since the set-up.
         DriverError: The entry point names something that is not a driver.
     """
     matching = [*_built_in().select(group=group, name=name)]
@@ -335,6 +335,11 @@ def load_driver(group: str, name: str) -> type[DriverOptions]:
     try:
         driver = matching[0].load()
     except ImportError as error:
+        if matching[0].module == error.name:  # a source that was updated: the names still point to its old files
+            raise DriverUnavailableError(
+                f"the driver '{name}' is no longer in {error.name}, where it was when stadimeter was set up; "
+                "set it up again: in a copy of the source by 'make demo', else by installing the package again"
+            ) from error
         raise DriverUnavailableError(
             f"the driver '{name}' needs a library that is not installed: {error}; install it and try again"
         ) from error

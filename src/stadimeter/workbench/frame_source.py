@@ -34,7 +34,6 @@ import numpy as np
 from stadimeter.app.control.client import HELLO_WAIT_S, ask, fetch, find
 from stadimeter.cameras.protocol import AttachedCamera, ListsCameras
 from stadimeter.config.extras import guide
-from stadimeter.config.loader import load_camera_choice
 from stadimeter.config.plugins import CAMERAS, driver_names
 from stadimeter.core.frame import Optics
 from stadimeter.errors import (
@@ -331,6 +330,8 @@ def source_beside_run(choice: DriverChoice, configuration: Path, socket: Path | 
     Raises:
         DriverError: It cannot be built.
     """
+    from stadimeter.config.loader import load_camera_choice  # noqa: PLC0415 - most of a start, and rarely needed
+
     try:
         place = socket or find(configuration)
         ask(place, "hello", wait_s=HELLO_WAIT_S)

@@ -618,6 +618,8 @@ def read_journal(path: Path) -> Journal:
     """Open a journal and read its first line; `JournalError` if that is none, or of a later format."""
     with readable(path) as file:
         line = next(lines_of(file), b"")
+    if not line:
+        raise JournalError(f"{path}: the file is empty")
     try:
         found = from_json(line)
         version = found["stadimeter_journal"]
