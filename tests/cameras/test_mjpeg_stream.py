@@ -221,7 +221,7 @@ def test_pictures_that_were_cut_are_never_frames(server: Server, open_camera: Ca
 @pytest.mark.long
 def test_a_stream_that_stays_damaged_is_said_to_be(server: Server, open_camera: Callable[..., OpenCvCamera]) -> None:
     server.damage = lambda jpeg, number: jpeg[: len(jpeg) // 2] if number > 40 else jpeg
-    camera = open_camera(read_timeout="300 ms")
+    camera = open_camera(read_timeout="1 s")
     with pytest.raises(CaptureTimeoutError, match=r"gave no whole picture for \d+\.\d s \(\d+ damaged\b"):
         frames_of(camera, 100)
 

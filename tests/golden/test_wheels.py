@@ -24,9 +24,10 @@ QUICK = ("block-camera", "hang-loop", "unplug-base", "kill-process", "hide-targe
 ON_PINS = ("gpio-motors", "pca9685")
 EACH_S = 0.5
 """Wheels are told by their mean speed in each such time."""
-SAME_MPS, SAME_ON_A_LINE_MPS = 0.001, 0.03
+SAME_MPS, SAME_ON_A_LINE_MPS = 0.001, 0.05
 """By how much a mean may differ. Bytes take their way through the kernel, which may hand them on 20 ms later: wheels
-that stop from 0.34 m/s then have a mean that is 0.014 m/s larger."""
+that stop from 0.34 m/s then have a mean that is 0.014 m/s larger. While the loop is slow, a late line delays the next
+cycle too: 0.035 m/s were seen on a computer that does other things."""
 
 
 @pytest.fixture(autouse=True)

@@ -17,20 +17,22 @@ from stadimeter.app.detectors import build_detectors
 from stadimeter.cli.calibrate_board import board, stereo
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, read_option, say_note
 from stadimeter.cli.formatting import CENTIMETRE, INCH, LengthUnit, format_distance
-from stadimeter.cli.target_options import (
+from stadimeter.cli.known_pictures import (
     AtOption,
     DistanceErrorOption,
-    GivenTarget,
-    LiveOption,
     MaybePicturesAtDistances,
     PerhapsOption,
     PicturesAtDistances,
     ToneCurveOption,
-    WantedTargets,
     calibrate_live,
-    camera_choice,
     look_at,
     refuse_twice,
+)
+from stadimeter.cli.target_options import (
+    GivenTarget,
+    LiveOption,
+    WantedTargets,
+    camera_choice,
     takes_target,
     targets_from_options,
 )

@@ -13,7 +13,8 @@ import typer
 from msgspec.structs import replace
 
 from stadimeter.cli.exits import DONE, NOT_FOUND, count_items, plain_errors, say_note, working
-from stadimeter.cli.target_options import ToneCurveOption, camera_choice, parse_known_length
+from stadimeter.cli.known_pictures import ToneCurveOption
+from stadimeter.cli.target_options import camera_choice, parse_known_length
 from stadimeter.config.camera_file import save_camera_model, save_stereo_rig
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError
