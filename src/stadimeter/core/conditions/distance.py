@@ -69,24 +69,9 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         figures = quantity_of(inputs.tracks[self.target], self.quantity)
         if figures is None:
             return None
-        if self._is_near_or_far(*figures, is_on):
+        if self.is_within(*figures, is_on):
             return True
         return not is_on and self.passed_through(inputs) is not None
-
-    def _is_near_or_far(self, value_m: float, sigma_m: float, noise_m: float, is_on: bool) -> bool:
-        """Return the result of `is_within`, in half the time; most conditions are on a distance, with one threshold."""
-        above_m, below_m, likely_on = self.above, self.below, self.probability_on
-        if likely_on is None or (above_m is not None and below_m is not None):
-            return self.is_within(value_m, sigma_m, noise_m, is_on)
-        if below_m is not None:
-            limit_m = below_m + self._deadband_m(below_m, value_m, noise_m) if is_on else below_m
-            likely = probability_below(limit_m, value_m, sigma_m)
-        elif above_m is not None:
-            limit_m = above_m - self._deadband_m(above_m, value_m, noise_m) if is_on else above_m
-            likely = 1.0 - probability_below(limit_m, value_m, sigma_m)
-        else:
-            likely = 1.0
-        return likely >= likely_on or (is_on and likely > self.probability_off)
 
     def passed_through(self, inputs: RuleInputs) -> tuple[float, float] | None:
         """Return between which distances a target went through both thresholds unseen; None if it did not.
