@@ -14,8 +14,8 @@ from stadimeter.detectors.sheet.edges import (
     OutlineSides,
     SheetPicture,
     measure_cut_off,
-    measure_each,
-    measure_outline,
+    refine_corners,
+    refine_each,
 )
 from stadimeter.detectors.sheet.quadrilaterals import (
     SearchedPicture,
@@ -38,7 +38,7 @@ CORNERS = MADE.truth.outline_px
 
 def measured(corners_px: np.ndarray, sigma_px: float, picture: SheetPicture = SEEN) -> OutlineSides:
     """Return the sides about there, which must be there."""
-    sides = measure_outline(picture, corners_px, sigma_px)
+    sides = refine_corners(picture, corners_px, sigma_px)
     assert sides is not None
     return sides
 
@@ -53,10 +53,10 @@ def test_the_corners_do_not_depend_on_where_the_search_starts(moves: list[float]
 
 
 def test_outlines_that_settle_on_the_same_sides_are_one_and_what_has_no_sides_is_none() -> None:
-    edges = measure_each(SEEN, np.stack((CORNERS, CORNERS + 1.0, np.zeros((4, 2)))), 1.0)
+    edges = refine_each(SEEN, np.stack((CORNERS, CORNERS + 1.0, np.zeros((4, 2)))), 1.0)
     assert edges is not None
     assert len(edges.corners_px) == 1
-    assert measure_each(SEEN, np.zeros((1, 4, 2)), 1.0) is None
+    assert refine_each(SEEN, np.zeros((1, 4, 2)), 1.0) is None
 
 
 def test_a_bright_sheet_stands_out_with_one_sign_on_all_sides_and_nothing_does_not() -> None:

@@ -17,7 +17,7 @@ from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
-from stadimeter.detectors.sheet.edges import SheetPicture, measure_outline
+from stadimeter.detectors.sheet.edges import SheetPicture, refine_corners
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate
 from support.each_case import each_case
 from support.scenes.backdrop import PlainBackdrop
@@ -330,4 +330,4 @@ def test_an_outline_from_beyond_what_the_lens_reaches_is_none() -> None:
     camera = replace(CAMERA, distortion=(-0.3, 0.0, 0.0, 0.0))
     corners_px = np.array([[-900.0, -700.0], [400.0, 60.0], [420.0, 300.0], [60.0, 320.0]])
     assert np.isnan(camera.directions(corners_px)).any()
-    assert measure_outline(SheetPicture.of(LETTER_ON_A_WALL.image, camera), corners_px, 2.0) is None
+    assert refine_corners(SheetPicture.of(LETTER_ON_A_WALL.image, camera), corners_px, 2.0) is None

@@ -32,7 +32,7 @@ from stadimeter.detectors.sheet.candidates import (
     mistaken_for,
     other_paper,
 )
-from stadimeter.detectors.sheet.edges import OutlineSides, SheetPicture, edge_points, measure_outline
+from stadimeter.detectors.sheet.edges import OutlineSides, SheetPicture, edge_points, refine_corners
 from stadimeter.detectors.sheet.evidence import slack_share
 from stadimeter.detectors.sheet.search import EXPECTED_SIZES, MISFIT_FACTOR, MISFIT_SIGMAS, SLACK_SIGMAS, SheetSearch
 from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, width_and_height
@@ -267,7 +267,7 @@ def follow(
         return None
     if touches_border(outline_px, image.shape, BORDER_PX):
         return None
-    sides = measure_outline(SheetPicture.of(image, lens), outline_px, sigma_px)
+    sides = refine_corners(SheetPicture.of(image, lens), outline_px, sigma_px)
     if sides is None or not _looks_whole(sides, expected, min_side_px):
         return None
     # The limit has two parts, in pixels: of the measurement, and of a sheet that is no exact rectangle.

@@ -202,8 +202,8 @@ class _Look(NamedTuple):
     codes: Plane  # the pixels across, from the inside to the outside, ``(2 reach + 1, 4, n, 3)``; see `_read`
 
 
-def measure_outline(picture: SheetPicture, corners_px: Points, sigma_px: float) -> OutlineSides | None:
-    """Measure the sides of an outline; None where it has none near by.
+def refine_corners(picture: SheetPicture, corners_px: Points, sigma_px: float) -> OutlineSides | None:
+    """Refine the corners of an outline: fit lines to the edges near its sides; None where it has none.
 
     Args:
         corners_px: About where the corners are, clockwise on the screen, shape ``(4, 2)``.
@@ -234,9 +234,9 @@ def measure_outline(picture: SheetPicture, corners_px: Points, sigma_px: float) 
     return sides
 
 
-def measure_each(picture: SheetPicture, outlines_px: Points, sigma_px: float) -> QuadEdges | None:
-    """Measure the sides of outlines, ``(c, 4, 2)``; leave out those that have none, and what is there twice."""
-    every = [measure_outline(picture, corners_px, sigma_px) for corners_px in outlines_px]
+def refine_each(picture: SheetPicture, outlines_px: Points, sigma_px: float) -> QuadEdges | None:
+    """Refine outlines, ``(c, 4, 2)``; leave out those that have none, and what is there twice."""
+    every = [refine_corners(picture, corners_px, sigma_px) for corners_px in outlines_px]
     if len(every) > 1:
         every = [_settled(picture, sides) for sides in every]
     return QuadEdges.of([sides for sides in every if sides is not None])
@@ -246,7 +246,7 @@ def _settled(picture: SheetPicture, sides: OutlineSides | None) -> OutlineSides 
     # Where there is more than one outline there is something beside them: the last look is narrow.
     if sides is None or sides.support.min() < SUPPORTED:
         return sides
-    return measure_outline(picture, sides.corners_px, SETTLED_OFF_PX) or sides
+    return refine_corners(picture, sides.corners_px, SETTLED_OFF_PX) or sides
 
 
 def measure_cut_off(picture: SheetPicture, corners_px: Points, reach_px: float, free: Flags) -> OutlineSides | None:

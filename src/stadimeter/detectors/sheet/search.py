@@ -44,8 +44,8 @@ from stadimeter.detectors.sheet.edges import (
     QuadEdges,
     SheetPicture,
     measure_cut_off,
-    measure_each,
-    measure_outline,
+    refine_corners,
+    refine_each,
 )
 from stadimeter.detectors.sheet.evidence import (
     CUT_PX,
@@ -221,7 +221,7 @@ class SheetSearch:
             outlines = self._likeliest(self._fitting(findings, outlines, START_OFF_PX / scale), scale, looks)
         for start, end in pairwise(MEASURED):
             if len(outlines) > start and not findings.is_sure:
-                edges = measure_each(self._picture, outlines[start:end], START_OFF_PX / scale)
+                edges = refine_each(self._picture, outlines[start:end], START_OFF_PX / scale)
                 if edges is not None:
                     self._choose(findings, edges, scale, expected, looks)
 
@@ -285,7 +285,7 @@ class SheetSearch:
         for number in sorted(range(len(sizes_px)), key=lambda number: -sizes_px[number]):
             if sizes_px[number] < largest_px or not self._is_strict:
                 return
-            sides = measure_outline(self._picture, findings.misfits[number], START_OFF_PX / scale)
+            sides = refine_corners(self._picture, findings.misfits[number], START_OFF_PX / scale)
             if sides is None or sides.support.min() < SUPPORTED or sides.colour_contrast.min() < MIN_CONTRAST:
                 continue
             other = other_shape(sides.corners_px, self._size, self._lens)
