@@ -55,6 +55,7 @@ def test_errors_stand_beside_their_lines_underlined(wrong: Path) -> None:
         f"{wrong}:10: error: rules.near.actuator: there is no actuator 'motor'",
         '  10 | actuator = "motor"',
         "     | ^^^^^^^^^^^^^^^^^^",
+        "       add a section [actuators.motor]",
         f"{wrong}:11: error: rules.near.when.belwo: unknown key 'belwo'",
         '  11 | when = { belwo = "50 cm" }  # a comment',
         "     |          ^^^^^^^^^^^^^^^",
@@ -101,7 +102,7 @@ def test_json_lists_the_problems_for_programs(wrong: Path) -> None:
     }
 
 
-LATE = """\
+SHADOWED = """\
 [camera]
 driver = "simulated"
 model = { width_px = 640, height_px = 480, fx_px = 600.0 }
@@ -111,45 +112,45 @@ driver = "simulated"
 [targets.ball]
 detector = "ideal"
 
+[actuators.lamp]
+driver = "simulated"
 [rules.near]
+actuator = "lamp"
 when = { below = "80 cm" }
-on_delay = "450 ms"
+[rules.far]
+actuator = "lamp"
+priority = 200
+when = { below = "90 cm" }
 """
 
 
 @pytest.fixture
-def late(tmp_path: Path) -> Path:
-    file = tmp_path / "late.toml"
-    file.write_text(LATE, encoding="utf-8")
+def shadowed(tmp_path: Path) -> Path:
+    file = tmp_path / "shadowed.toml"
+    file.write_text(SHADOWED, encoding="utf-8")
     return file
 
 
-def test_a_rule_that_is_late_says_by_how_much_and_what_to_do(late: Path) -> None:
-    result = run_check(str(late))
+def test_a_rule_that_never_wins_says_which_one_does_and_what_to_do(shadowed: Path) -> None:
+    result = run_check(str(shadowed))
     assert result.stdout.splitlines()[:4] == [
-        (
-            f"{late}:12: warning: rules.near.on_delay: at 2 m/s this rule is 0.9 m late: it waits 0.45 s, and from "
-            "0.8 m it is 0.8 m to contact"
-        ),
-        '  12 | on_delay = "450 ms"',
-        "     | ^^^^^^^^^^^^^^^^^^^",
-        (
-            '       write on_delay = "0.4 s" or less, or say how fast it comes at most: max_closing_speed in '
-            "[targets.ball]"
-        ),
+        f"{shadowed}:12: warning: rules.near: wherever 'near' holds, 'far' holds too and wins 'lamp'",
+        "  12 | [rules.near]",
+        "     | ^^^^^^^^^^^^",
+        "       give 'near' the higher priority, or let 'far' hold less often",
     ]
 
 
 @pytest.mark.parametrize(("arguments", "code"), [((), 0), (("--strict",), 1), (("--strict", "--json"), 1)])
-def test_a_warning_counts_only_if_that_is_wanted(late: Path, arguments: tuple[str, ...], code: int) -> None:
-    assert run_check(str(late), *arguments).exit_code == code
+def test_a_warning_counts_only_if_that_is_wanted(shadowed: Path, arguments: tuple[str, ...], code: int) -> None:
+    assert run_check(str(shadowed), *arguments).exit_code == code
 
 
-def test_an_error_does_not_hide_the_warnings_about_other_rules(late: Path) -> None:
-    late.write_text(f'{LATE}[rules.far]\nwhen = {{ abovee = "1 m" }}\n', encoding="utf-8")
-    result = run_check(str(late))
+def test_an_error_does_not_hide_the_warnings_about_other_rules(shadowed: Path) -> None:
+    shadowed.write_text(f'{SHADOWED}[rules.wrong]\nwhen = {{ abovee = "1 m" }}\n', encoding="utf-8")
+    result = run_check(str(shadowed))
     assert result.exit_code == 2
-    assert result.stderr.splitlines()[-1] == f"1 error, 1 warning: {late} cannot be used"
-    record = json.loads(run_check(str(late), "--json").stdout)
+    assert result.stderr.splitlines()[-1] == f"1 error, 1 warning: {shadowed} cannot be used"
+    record = json.loads(run_check(str(shadowed), "--json").stdout)
     assert [problem["code"] for problem in record["problems"]] == ["unknown-key"]
-    assert [warning["code"] for warning in record["warnings"]] == ["late"]
+    assert [warning["code"] for warning in record["warnings"]] == ["shadowed"]

@@ -68,7 +68,7 @@ def test_a_run_loads_no_warnings_no_rule_tests_and_no_descriptions(tmp_path):
     code = f"from stadimeter.cli.main import app\ntry:\n    app({arguments!r})\nexcept SystemExit:\n    pass"
     loaded = loaded_by(code)
     assert among(loaded, ["stadimeter.config.loader"])
-    only_for_check = ("warnings", "rule_test_tables", "rule_test_checks", "describe", "analysis.timing", "schema")
+    only_for_check = ("warnings", "rule_test_tables", "rule_test_checks", "describe", "schema")
     assert among(loaded, [f"stadimeter.config.{name}" for name in only_for_check]) == []
     assert among(loaded, ["stadimeter.app.feasibility", "stadimeter.workbench"]) == []
 

@@ -1,4 +1,4 @@
-"""What `check` warns of about drivers: what wears them out, and what nobody uses."""
+"""What `check` warns of about drivers: cameras and bases that are nothing for motion."""
 
 from __future__ import annotations
 
@@ -8,38 +8,6 @@ import pytest
 
 from stadimeter.config.loader import load_configuration
 from support.simulated_run import SIMULATED_BALL
-
-PARTS = f"""{SIMULATED_BALL}
-[actuators.siren]
-driver = "relay"
-pin = 17
-[world]
-"""
-
-
-def warned(tmp_path: Path, text: str) -> list[tuple[str, str, str]]:
-    path = tmp_path / "run.toml"
-    path.write_text(f'{PARTS}\n[rules.far]\nactuator = "motor"\nwhen = {{ above = "1 m" }}\n{text}')
-    warnings = load_configuration(path).warnings
-    codes = ("relay-pattern", "output-unused")
-    return [(each.code, each.key, each.message) for each in warnings if each.code in codes]
-
-
-@pytest.mark.parametrize("where", ["rule", "step"])
-def test_a_relay_that_clicks_all_the_time_is_warned_of(tmp_path: Path, where: str) -> None:
-    pattern = 'actuator = "siren"\npattern = { on = "0.5 s", off = "0.5 s" }'
-    rule = '[rules.near]\nwhen = { below = "1 m" }\n'
-    text = rule + (pattern if where == "rule" else f"[[rules.near.escalation]]\n{pattern}")
-    key = "rules.near.pattern" if where == "rule" else "rules.near.escalation.0.pattern"
-    message = "'siren' wears out by switching, as a relay does, and would switch every 1 s while the alarm stands"
-    assert ("relay-pattern", key, message) in warned(tmp_path, text)
-
-
-@pytest.mark.parametrize("pattern", ['{ on = "0.5 s", off = "0.5 s", times = 3 }', '{ on = "5 s", off = "5 s" }'])
-def test_a_relay_that_clicks_seldom_is_fine(tmp_path: Path, pattern: str) -> None:
-    text = f'[rules.near]\nactuator = "siren"\nwhen = {{ below = "1 m" }}\npattern = {pattern}\n'
-    assert warned(tmp_path, text) == []
-
 
 CAMERA = """
 [camera]

@@ -59,40 +59,26 @@ CONDITIONS = {
     # Counts and sums of what other rules did.
     'count = { rule = "near", at_least = 2, since = "25:00" }': "error bad-value",
     'count = { rule = "x", at_least = 2, within = "1 h" }': "error reference-cycle",
-    'count = { rule = "report", at_least = 2, within = "1 h" }': "error never-true",
-    'active_for = { rule = "near", at_least = "25 h", within = "today" }': "error never-true",
-    'count = { at_least = 3 }': "error never-true",
     # Figures.
-    'figure = { name = "nearest" }': "error condition-keys",
-    'figure = { name = "nearest", below = "1 m", above = "2 m" }': "error empty-interval",
-    'figure = { name = "nearest", below = "0 m" }': "error never-true",
-    'figure = { name = "nearest", above = "1 m", deadband = "2 m" }': "error band-inverted",
+    'figure = { name = "nearest" }': "error bad-value",
+    'figure = { name = "nearest", below = "1 m", above = "2 m" }': "error bad-value",
     # Two targets compared.
-    'nearer_than = "ball"': "error condition-keys",
     'nearer_than = "tga"': "error unknown-name",
     'left_of = { target = "tag", by = "1 m" }': "error bad-value",
-    'all = [{ nearer_than = "tag" }, { target = "tag", nearer_than = "ball" }]': "error never-true",
-    'all = [{ left_of = "tag" }, { target = "tag", lost = true }]': "error never-true",
     # Quantities.
     'place = { axis = "height", above = "2 m" }': "error height-unknown",
-    'speed = { below = "0 m/s" }': "error never-true",
     'size = { above = "2000 %" }': "error bad-value",
-    'all = [{ still = { for = "1 min" } }, { lost = true }]': "error never-true",
     # The order of rules.
-    'sequence_of = { rules = ["near", "near"], within = "2 s" }': "error order-twice",
-    'sequence_of = { rules = ["near", "each"], within = "2 s" }': "error order-of-several",
+    'sequence_of = { rules = ["near", "near"], within = "2 s" }': "error bad-value",
+    'sequence_of = { rules = ["near", "each"], within = "2 s" }': "error unknown-name",
     'sequence_of = { rules = ["near", "far"], within = "0 s" }': "error bad-value",
     'sequence_of = { rules = ["near", "x"], within = "2 s" }': "error reference-cycle",
-    'sequence_of = { rules = ["near", "report"], within = "2 s" }': "error never-true",
     # Schedules.
-    'time = { between = ["12:00", "12:00"] }': "error empty-interval",
+    'time = { between = ["12:00", "12:00"] }': "error bad-value",
 }  # fmt: skip
 
 # Whole rules, places and figures.
 OTHERS = {
-    "a count beyond the limit that was written for what is counted":
-        '[rules.x]\ntarget = "ball"\nwhen = { below = "1 m" }\nraises_per_min_max = 10\n[rules.y]\n'
-        'when = { count = { rule = "x", at_least = 11, within = "1 min" } }  # warning never-true\n',
     "two rules that count each other":
         '[rules.x]\nwhen = { count = { rule = "y", at_least = 2, within = "1 min" } }  # error reference-cycle\n'
         '[rules.y]\nwhen = { active_for = { rule = "x", at_least = "1 s", within = "1 min" } }\n',
@@ -100,31 +86,20 @@ OTHERS = {
         '[figures.x]  # error bad-value\ntarget = "ball"\nstatistic = "mean"\nwithin = "1 s"\nsince = "06:00"\n',
     "a figure of an unknown height":
         '[figures.x]\ntarget = "ball"\nof = "height"  # error height-unknown\nstatistic = "mean"\nwithin = "1 s"\n',
-    "a ramp whose gate is open where it does nothing": f'{RAMP}when = {{ above = "3 m" }}  # error shut-gate\n',
-    "a base that shall follow what is lost":
-        '[rules.x]\ntarget = "ball"\nactuator = "base"\nfollow = { distance = "1 m" }\n'
-        'when = { lost = true }  # error shut-gate\n',
     "a ramp whose gate asks for itself": f'{RAMP}when = {{ rule = "x" }}  # error reference-cycle\n',
-    "a ramp that waits for messages": f'{RAMP}when = {{ rule = "report" }}  # error never-true\n',
     "a ramp from and to the same size":
         '[rules.x]\ntarget = "ball"\nactuator = "motor"\n'
-        'ramp = { of = "size", from = "20 %", to = "20 %" }  # error ramp-reversed\n',
+        'ramp = { of = "size", from = "20 %", to = "20 %" }  # error bad-value\n',
     "a step that asks for its own rule": f'{STEP}when = {{ rule = "x" }}  # error reference-cycle\n',
     "messages every so often and at a time":
-        '[rules.x]\ntarget = "ball"\nevery = "1 min"\nat = "12:00"  # error rule-kind\n'
+        '[rules.x]  # error bad-value\ntarget = "ball"\nevery = "1 min"\nat = "12:00"\n'
         'escalation = [{ topic = "a", text = "b" }]\n',
     "messages that would drive something":
-        '[rules.x]\ntarget = "ball"\nactuator = "motor"  # error key-of-another-kind\nevery = "1 min"\n'
-        'escalation = [{ topic = "a", text = "b" }]\n',
-    "messages at a time that clocks skip":
-        '[rules.x]\ntarget = "ball"\nat = "02:30"  # warning clocks-changed\n'
+        '[rules.x]  # error bad-value\ntarget = "ball"\nactuator = "motor"\nevery = "1 min"\n'
         'escalation = [{ topic = "a", text = "b" }]\n',
     "a night that never comes where the sun does not set":
         "[place]\nlatitude = 69.6\nlongitude = 19\n[rules.x]\n"
-        "when = { time = { between = ['sunset', 'sunrise'], dates = ['06-10..07-01'] } }  # error never-true\n",
-    "an evening at the pole":
-        "[place]\nlatitude = -90\nlongitude = 0\n[rules.x]\n"
-        "when = { time = { between = ['sunset', '23:00'] } }  # error sun-at-pole\n",
+        "when = { time = { between = ['sunset', 'sunrise'], dates = ['06-10..07-01'] } }  # warning empty-days\n",
 }  # fmt: skip
 FORMS = {
     **{when: f'[rules.x]\ntarget = "ball"\nwhen = {{ {when} }}  # {said}\n' for when, said in CONDITIONS.items()},
@@ -156,18 +131,6 @@ def test_a_form_that_cannot_be_meant_is_found_at_its_line_with_a_remedy(tmp_path
     problems = found(tmp_path, FORMS[form])
     assert [(each.line, kind, each.code) for kind, each in problems] == lines_that_say(FORMS[form])
     assert all(each.hint or each.code == "bad-value" for _, each in problems)
-
-
-@pytest.mark.parametrize(
-    ("form", "words"),
-    [
-        ("a ramp that waits for messages", "(name a rule that has when, ramp or follow)"),
-        ("messages at a time that clocks skip", "02:30 comes twice, and it sends twice"),
-    ],
-)
-def test_a_finding_says_what_is_wrong_and_what_to_do(tmp_path, form, words):
-    ((_, problem),) = found(tmp_path, FORMS[form])
-    assert words in f"{problem.message} ({problem.hint})"
 
 
 def test_what_is_around_the_forms_is_sound(tmp_path):

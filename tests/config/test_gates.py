@@ -65,7 +65,10 @@ def test_without_one_a_rule_always_acts_and_can_be_shelved(load):
     ("rules", "said"),
     [
         ("when = { seen = true }\nlatch = true\n", "'latch' has no meaning beside ramp"),
-        ('severity = "safety"\nsuppress_when = { lost = true }\n', "a safety rule cannot be suppressed"),
+        (
+            'severity = "safety"\nsuppress_when = { lost = true }\n',
+            "a safety rule acts at once and always, so it has no suppress_when",
+        ),
         ('shelve_max = "5 s"\n', "'beep' may be shelved for 5 s at most (shelve_max)"),
         (
             f"{NEAR}escalation = [{{ topic = 'a', text = 'x', when = {{ rule = 'naer' }} }}]\n",

@@ -107,22 +107,20 @@ BROKEN = {
     OFTEN.replace("at_least = 3", "at_most = 3"): "beside rule stands at_least, 1 to 1000",
     '[rules.often]\nwhen = { count = { at_least = 1, within = "1 min" } }': "name a rule to count how often",
     OFTEN.replace('"near"', '"naer"'): "rules.often.when.count.rule: there is no rule 'naer' (did you mean 'near'?)",
-    '[rules.often]\nwhen = { active_for = { rule = "near", at_least = "2 min", within = "1 min" } }':
-        "rules.often.when.active_for.at_least: no rule is active for 120 s within 1 min",
     NEAREST + '[rules.low]\nwhen = { figure = { name = "nearst", below = "50 cm" } }':
         "rules.low.when.figure.name: there is no figure 'nearst' (did you mean 'nearest'?)",
     NEAREST + '[rules.louder]\nactuator = "buzzer"\nramp = { from = "2 m", to = "1 m" }\n'
     'when = { figure = { name = "nearest", below = "3 s" } }':
-        "rules.louder.when.figure: the figure 'nearest' is in m, and not in s",
+        "rules.louder.when: the figure 'nearest' is in m, and not in s",
     NEAREST.replace("minimum", "percentile"): 'goes with percentile, such as percentile = 90',
     NEAREST.replace('"minimum"', '"percentile"\npercentile = 101'): "figures.nearest.percentile: 101",
     NEAREST.replace("nearest", "count"): "figures.count: 'count' cannot be a name here",
     NEAREST + 'target = "bal"': "figures.nearest.target: there is no target 'bal' (did you mean 'ball'?)",
     '[rules.report]\nevery = "1 min"\n' + REPORT: "there is no field 'nearest' that a template can tell",
     '[rules.report]\nevery = "0.1 s"\nnotify = "phone"\n': "rules.report.every: '0.1 s' is not within 1 s and 8784 h",
-    '[rules.report]\nevery = "1 min"\n': "rules.report: the rule 'report' sends nothing",
+    '[rules.report]\nevery = "1 min"\n': "rules.report: the rule sends nothing",
     NEAREST + '[rules.report]\nat = ["12:00", "12:01"]\n' + REPORT: "two of the times are less than 2 min apart",
-    NEAREST + '[rules.report]\nat = "00:00"\n' + REPORT + 'after = "5 s"': "escalation.0.after: 'after' has no meaning",
+    NEAREST + '[rules.report]\nat = "00:00"\n' + REPORT + 'after = "5 s"': "it drives and awaits nothing",
     NEAREST + '[rules.report]\nat = "00:00"\nlatch = true\n' + REPORT: "'latch' has no meaning beside at",
 }  # fmt: skip
 

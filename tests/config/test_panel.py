@@ -80,7 +80,6 @@ def test_a_button_without_more_acknowledges(tmp_path: Path) -> None:
         (('rule = "nere"',), [("unknown-name", "buttons.front.rule")]),
         (('rule = "far"',), [("unknown-name", "buttons.front.rule")]),
         (('hold = "shelve"', 'rule = "touching"'), [("shelve-too-long", "buttons.front.rule")]),
-        (('hold = "shelve"', 'shelve_for = "2 h"'), [("shelve-too-long", "buttons.front.shelve_for")]),
         (('hold = "shelve"', 'shelve_for = "2 h"', 'rule = "near"'), [("shelve-too-long", "buttons.front.shelve_for")]),
         (("pull_up = false",), [("unknown-key", "buttons.front.pull_up")]),
     ],
@@ -94,12 +93,6 @@ def test_a_button_that_cannot_mean_what_it_says_is_refused(
 def test_a_pin_that_the_pi_itself_uses_is_warned_of(tmp_path: Path) -> None:
     found = [(each.code, each.key) for each in load(tmp_path, button(pin=3)).warnings if each.code == "pin-taken"]
     assert found == [("pin-taken", "buttons.front.pin")]
-
-
-def test_an_alarm_that_waits_is_heard_of_where_a_light_shows_it(tmp_path: Path) -> None:
-    waits = '[rules.seen]\nactuator = "motor"\nwhen = { below = "1 m" }\nack = "required"\n'
-    codes = [[each.code for each in load(tmp_path, waits, *light).warnings] for light in ((), (LED,))]
-    assert ["latch-unheard" in found for found in codes] == [True, False]
 
 
 def test_the_light_is_switched_off_when_the_program_is_gone_and_no_button_is_driven(tmp_path: Path) -> None:

@@ -73,8 +73,7 @@ def test_a_safety_rule_about_speed_asks_for_an_estimate_that_has_settled() -> No
 
 
 def test_what_a_safety_rule_says_itself_counts() -> None:
-    found = alarm('severity = "safety"\non_delay = "1 s"\nwhen = { below = "1 m", probability = 0.8 }')
-    assert found.on_delay == core.OnDelay(hold_s=1.0)
+    found = alarm('severity = "safety"\nwhen = { below = "1 m", probability = 0.8 }')
     assert found.condition == DistanceCondition(below=1.0, probability_on=0.8, target="ball")
 
 

@@ -326,5 +326,5 @@ def test_a_rule_whose_condition_says_what_it_is_about_need_not_name_a_target(tmp
 
 def test_a_rule_with_a_part_that_names_no_target_must_name_one(tmp_path: Path) -> None:
     rules = '[rules.near]\nwhen = { any = [{ below = "1 m", target = "cup" }, { lost = true }] }\n'
-    with pytest.raises(ConfigError, match="which of the targets ball, cup does the rule 'near' watch"):
+    with pytest.raises(ConfigError, match="which of the targets ball, cup is 'near' about"):
         load(tmp_path, rules)

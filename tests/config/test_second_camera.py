@@ -30,7 +30,7 @@ def test_the_lens_of_the_camera_is_that_of_the_stereo_file(tmp_path):
 def test_a_camera_model_beside_a_stereo_file_is_refused(tmp_path):
     model = "model = { width_px = 640, height_px = 480, fx_px = 600.0, fy_px = 600.0, cx_px = 319.5, cy_px = 239.5 }"
     message = "the stereo file of [second_camera] has the lenses of both cameras"
-    assert problems(tmp_path, camera=model) == [("camera.model", "lens-twice", message)]
+    assert problems(tmp_path, camera=model) == [("camera.model", "used-twice", message)]
 
 
 @pytest.mark.parametrize(
@@ -58,11 +58,6 @@ def test_a_stereo_file_that_is_missing_or_wrong_is_said(tmp_path):
     (tmp_path / "other.toml").write_text(text.replace("place_m = [0.12,", "place_m = [0.0,"))
     ((key, _, message),) = problems(tmp_path, second_camera="=" + usual.replace("stereo.toml", "other.toml"))
     assert "the two cameras are in one place" in message
-
-
-def test_a_detector_that_looks_at_no_picture_has_no_use_for_a_second_camera(tmp_path):
-    ((key, code, _),) = problems(tmp_path, targets_ball='=detector = "ideal"')
-    assert (key, code) == ("targets.ball.detector", "stereo-unfit")
 
 
 @pytest.mark.parametrize(

@@ -103,8 +103,8 @@ def test_numbers_given_twice_are_refused_with_their_line(tmp_path: Path) -> None
 @pytest.mark.parametrize("name", ["balls-2", "balls-nearest"])
 def test_a_target_with_the_name_of_a_member_is_refused(tmp_path: Path, name: str) -> None:
     ((_, message, hint),) = problems(tmp_path, f'[targets.{name}]\ndetector = "disc"\ndiameter = "8 cm"\n')
-    assert message == f"'{name}' is one of the targets that [targets.balls] stands for"
-    assert hint == "give one another name"
+    assert message == f"'{name}' is also the name of a target that [targets.balls] stands for"
+    assert hint == "give one of them another name"
 
 
 def test_any_of_a_group_is_one_condition_on_each_and_all_of_likewise(tmp_path: Path) -> None:
@@ -135,9 +135,9 @@ def test_a_group_that_there_is_none_of_and_two_keys_for_whom_are_refused_with_th
     ((line, message, _),) = problems(tmp_path, rule.format('any_of = "bals"'))
     assert (line, message) == (BASIS.count("\n") + 3, "there is no target 'bals'")
     found = problems(tmp_path, rule.format('any_of = "balls", target = "cup"'))
-    assert [message for _, message, _ in found] == ["'target' says already whom this is about"]
+    assert [message for _, message, _ in found] == ["'target' says already whom this is about; leave out 'any_of'"]
     found = problems(tmp_path, rule.format('any_of = "balls", all_of = "balls"'))
-    assert [message for _, message, _ in found] == ["'any_of' says already whom this is about"]
+    assert [message for _, message, _ in found] == ["'any_of' says already whom this is about; leave out 'all_of'"]
 
 
 def test_a_configuration_that_only_tells_where_the_camera_is_needs_no_rule(tmp_path: Path) -> None:

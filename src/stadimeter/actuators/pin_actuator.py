@@ -101,7 +101,6 @@ class RelayOptions(OutputPinOptions):
     """The table of a relay in the configuration."""
 
     verb: ClassVar = "switches on"
-    is_worn_by_switching: ClassVar = True
     circuit: ClassVar = "relay"
 
     on_at: float = Field(default=0.5, gt=0.0, le=1.0)

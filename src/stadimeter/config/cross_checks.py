@@ -1,4 +1,7 @@
-"""Contradictions in a configuration: between keys, between values that are fine each, and between its parts."""
+"""Contradictions between the parts of a configuration: names that stand for nothing, and parts that do not fit.
+
+What one table says by itself is checked where that table is declared.
+"""
 
 from __future__ import annotations
 
@@ -6,28 +9,29 @@ import math
 import os
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
+from itertools import combinations
 from typing import Any
 
-from stadimeter.config.analysis import Subject, subject_of
-from stadimeter.config.analysis.bands import band_errors, floor_errors, holding_errors, quantity_errors
-from stadimeter.config.analysis.references import (
-    condition_tables_of,
-    promise_errors,
-    reference_errors,
-    second_camera_errors,
-    shadow_errors,
-)
-from stadimeter.config.analysis.schedules import memory_errors, schedule_errors
 from stadimeter.config.draft import BASE_NAME, Draft, output_path
-from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_list, known_keys
-from stadimeter.config.loop_gain import loop_findings
-from stadimeter.config.plugins import marked_options
-from stadimeter.config.rules import conditions
-from stadimeter.config.rules.conditions import KEYS_ABOUT_DISTANCE, KEYS_ABOUT_WHOM, LIMITS, MAX_DEPTH, WhenTable
-from stadimeter.config.rules.tables import AT_TIMES, GATED, KINDS, FramesTable, RuleTable
+from stadimeter.config.extras import missing
+from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_list
+from stadimeter.config.plugins import DriverChoice, StatesLatency, marked_options
+from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
+from stadimeter.config.rules.tables import KINDS, ONE_KIND, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import PinMark, PortMark
-from stadimeter.core.rules.follow import MAX_GAIN_SHARE
+from stadimeter.core.conditions.compounds import AllOf, Condition, depends_on, leaves
+from stadimeter.core.conditions.limits import LimitsCondition
+from stadimeter.core.conditions.measured import FigureCondition
+from stadimeter.core.conditions.quantities import QUANTITIES
+from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.conditions.schedule import ScheduleCondition
+from stadimeter.core.decision import Severity
+from stadimeter.core.rule import AlarmRule, gate_of
+from stadimeter.core.rules.follow import GAIN_SHARE, MAX_GAIN_SHARE
+from stadimeter.core.rules.own_motion import RESPONSE_S
+from stadimeter.operator_actions import OperatorAction
 
 # Nothing acts on a frame that is older than this. A robot at 0.5 m/s has gone half a metre by then.
 MAX_BLIND_S = 1.0
@@ -35,197 +39,309 @@ MAX_BLIND_S = 1.0
 # The guard looks every 20 ms; a busy small computer has been seen to keep it waiting for 100 ms.
 WATCHDOG_AFTER_LEASE_S = 0.2
 
+# The age of a frame of a camera without a stated latency when it is acted on: exposure, transfer and one period.
+USUAL_AGE_S = 0.05
 
-_BEEPS = "leave it out: a buzzer on a ramp beeps by itself, the faster the higher the level"
-_ONLY_FOR_ALARMS = (
-    "targets", "on_delay", "off_delay", "delay_tolerance", "level", "pattern", "at_start", "latch", "ack", "realarm",
-    "cooldown", "raises_per_min_max", "group", "escalation", "notify",
-)  # fmt: skip
-_SENDS = ("escalation", "notify")
-# What a condition can be; a table with several of these keys is short for all of them.
-_NAMED = (*LIMITS, *conditions.KINDS)
+# The options of cameras that say which one is meant; the last of a simulated one.
+_WHICH = ("device", "device_file", "camera", "path", "paths", "baseline")
 
-# Conditions that are a table of their own, with limits; and those in which deadbands and probabilities stand.
-_TABLES = {key: known_keys(WhenTable, (key,)) for key, kind in conditions.KINDS.items() if kind.is_about != "others"}
-_BETWEEN_LIMITS = [key for key, known in _TABLES.items() if {"above", "between"} <= {*known}]
-_INSIDE = [key for key, known in _TABLES.items() if "deadband" in known]
-
-_GATED = f"{', '.join(GATED[:-1])} and {GATED[-1]}"
-_LIMITS_FORM = "write above, below, both of these, or between"
-_KNOWN = known_keys(WhenTable)
-_ONE_OF = f"write one of {', '.join(_NAMED[:-1])} and {_NAMED[-1]}"
+# What only an alarm can be told; a ramp, or a rule that follows, is kept quiet like one.
+_OF_ALARMS = {OperatorAction.ACKNOWLEDGE, OperatorAction.RESET}
 
 
 def error_findings(draft: Draft) -> Iterator[Finding]:
     """Find what makes a configuration unusable, in what could be read of it."""
-    for check in _CHECKS:
-        yield from check(draft)
-    subject = subject_of(draft)
-    for analysis in _ANALYSES:
-        yield from analysis(subject)
+    found = (finding for check in _CHECKS for finding in check(draft))
+    yield from dict.fromkeys(found)  # a rule with several targets says the same of each
 
 
-def _rules_by_themselves(draft: Draft) -> Iterator[Finding]:
-    """Check which keys stand in the table of each rule, whether or not their values can be read; then the values."""
-    for name, table in draft.tables("rules").items():
-        yield from _kind(name, table)
-        yield from _keys_of_another_kind(name, table)
-        for at, condition in condition_tables_of(name, table):
-            if isinstance(condition, Mapping):
-                yield from condition_findings(at, condition)
-    for name, rule in draft.rules.items():
-        for check in (_times, _follow):
-            yield from check(("rules", name), rule)
+def written_conditions(draft: Draft) -> Iterator[tuple[CompiledRule, WrittenCondition]]:
+    """Go through the conditions of all rules."""
+    return ((each, written) for each in draft.compiled for written in each.conditions())
 
 
-def _kind(name: str, table: Mapping[str, Any]) -> Iterator[Finding]:
-    kinds = [kind for kind in KINDS if kind in table]
-    gated = [kind for kind in kinds if kind in GATED]
-    if len(gated) > 1:
-        message = f"the rule '{name}' has {' and '.join(gated)}; a rule has one of {_GATED}, or when alone"
-        yield Finding(("rules", name, gated[-1]), message, "make a rule of its own for each", "rule-kind")
-    misspelt = any(did_you_mean(key, KINDS) for key in table if key not in RuleTable.model_fields)
-    if not kinds and not misspelt:
-        message = f"the rule '{name}' does nothing; a rule has one of {_GATED}, or when alone"
-        yield Finding(("rules", name), message, 'add one, such as when = { below = "50 cm" }', "rule-kind")
+# Names that stand for nothing, and rules that wait for themselves ---------------------------------------------------
 
 
-def _keys_of_another_kind(name: str, table: Mapping[str, Any]) -> Iterator[Finding]:
-    kind = next((kind for kind in GATED if kind in table), "")
-    sends = _SENDS if kind in AT_TIMES else ()
-    for key in (key for key in _ONLY_FOR_ALARMS if key in table and kind and key not in sends):
-        hint = _BEEPS if key == "pattern" else "leave it out"
-        yield Finding(("rules", name, key), f"'{key}' has no meaning beside {kind}", hint, "key-of-another-kind")
+def _references(draft: Draft) -> Iterator[Finding]:
+    known: dict[str, tuple[str, ...]] = {
+        "actuator": draft.output_names,
+        "notifier": draft.names("notifiers"),
+        "target": draft.target_names,
+        "figure": draft.names("figures"),
+        "rule": tuple(_rule_names(draft)),
+    }
+    for named in (_named_by_rules, _named_in_conditions, _named_by_others):
+        for path, kind, name in named(draft):
+            if name is None or name in known[kind]:
+                continue
+            hint = draft.target_hint(name) if kind == "target" else did_you_mean_or_list(name, known[kind])
+            if name == BASE_NAME or not hint:
+                hint = f"add a section [{name if name == BASE_NAME else f'{kind}s.{name}'}]"
+            yield Finding(path, f"there is no {kind} '{name}'", hint, "unknown-name")
 
 
-def _times(at: KeyPath, rule: RuleTable) -> Iterator[Finding]:
-    delay, lost = rule.on_delay, rule.lost
-    if isinstance(delay, FramesTable) and delay.frames > delay.of:
-        message = f"{delay.frames} of {delay.of} frames can never be"
-        yield Finding((*at, "on_delay"), message, "exchange them", "frames-reversed")
-    if lost.fault_after < lost.grace:
-        message = f"fault_after {lost.fault_after:g} s is shorter than grace {lost.grace:g} s"
-        yield Finding((*at, "lost"), message, "make it at least as long", "lost-reversed")
-    for key, delay_s in (("on_delay", delay), ("off_delay", rule.off_delay)):
-        tolerance_s = rule.delay_tolerance
-        if isinstance(tolerance_s, float) and isinstance(delay_s, float) and 0 < delay_s <= tolerance_s:
-            message = f"delay_tolerance {tolerance_s:g} s is no shorter than {key} {delay_s:g} s"
-            hint = f"make it much shorter, or write a longer {key}: two frames that far apart would fulfil the delay"
-            yield Finding((*at, "delay_tolerance"), message, hint, "tolerance-too-long")
+def _rule_names(draft: Draft) -> Iterator[str]:
+    """Go through the names of all rules, also of those that could not be read."""
+    for section, table in draft.tables("rules").items():
+        several = draft.rules[section].targets if section in draft.rules else table.get("targets")
+        names = [f"{section}:{each}" for each in several] if isinstance(several, list) else []
+        yield from names if section in draft.rules and names else (section, *names)
 
 
-def _follow(at: KeyPath, rule: RuleTable) -> Iterator[Finding]:
-    if rule.follow is None:
-        return
-    at, follow = (*at, "follow"), rule.follow
-    if follow.deadband_m >= follow.distance_m:
-        message = f"the deadband {follow.deadband_m:g} m reaches past the distance {follow.distance_m:g} m"
-        yield Finding((*at, "deadband"), message, "make it smaller than the distance", "band-inverted")
-    if follow.deadband_rad < 0:
-        hint = "write it without the minus sign"
-        yield Finding((*at, "turn_deadband"), "the deadband is below zero", hint, "band-inverted")
-    if follow.linear_max_mps == follow.reverse_max_mps == 0 and (follow.angular_max_radps == 0 or not follow.turn):
-        message = "with all three largest speeds zero the base would never move"
-        yield Finding(at, message, "allow one of them", "never-moves")
+def _named_by_rules(draft: Draft) -> Iterator[tuple[KeyPath, str, str | None]]:
+    for section, rule in draft.rules.items():
+        at = ("rules", section)
+        yield (*at, "actuator"), "actuator", rule.actuator
+        yield (*at, "target"), "target", rule.target
+        yield from (((*at, "targets"), "target", each) for each in rule.targets or ())
+        if rule.follow is not None and rule.follow.slow is not None:
+            yield (*at, "follow", "slow", "target"), "target", rule.follow.slow.target
+        yield (*at, "notify"), "notifier", rule.notify
+        for number, step in enumerate(rule.escalation):
+            yield (*at, "escalation", number, "actuator"), "actuator", step.actuator
+            yield (*at, "escalation", number, "notify"), "notifier", step.notify
 
 
-def _loops_stable(draft: Draft) -> Iterator[Finding]:
-    says = f"above {MAX_GAIN_SHARE:g} gain times delay, the base swings ever wider"
-    yield from loop_findings(draft, MAX_GAIN_SHARE, math.inf, "gain-unstable", says)
+def _named_in_conditions(draft: Draft) -> Iterator[tuple[KeyPath, str, str | None]]:
+    for _, written in written_conditions(draft):
+        for leaf in leaves(written.condition):
+            names = [*(("rule", each) for each in leaf.rules_named), *(("target", each) for each in leaf.targets_named)]
+            if isinstance(leaf, RememberedCondition) and leaf.name:
+                names.append(("figure", leaf.name))
+            places = [(_place_of(name, written.table, written.path), kind, name) for kind, name in names]
+            yield from ((path, kind, name) for path, kind, name in places if path)
 
 
-def _targets_exist(draft: Draft) -> Iterator[Finding]:
-    names, of_camera = draft.target_names, draft.names("targets")
-    need_none = {each.section for each in draft.compiled if not each.needs_target}
-    for rule_name, rule in draft.rules.items():
-        for watched in rule.targets or ():
-            if watched not in names:
-                yield _no_target(draft, ("rules", rule_name, "targets"), watched)
-        if rule.target is None:
-            if len(of_camera) > 1 and not rule.targets and rule_name not in need_none:
-                message = (
-                    f"which of the targets {', '.join(draft.tables('targets'))} does the rule '{rule_name}' watch?"
-                )
-                yield Finding(("rules", rule_name, "target"), message, draft.any_target_hint, "target-missing")
-        elif rule.target not in names:
-            yield _no_target(draft, ("rules", rule_name, "target"), rule.target)
-
-
-def _no_target(draft: Draft, at: KeyPath, name: str) -> Finding:
-    return Finding(at, f"there is no target '{name}'", draft.target_hint(name), "unknown-name")
-
-
-def _sensors(draft: Draft) -> Iterator[Finding]:
-    targets = draft.names("targets")
-    for name in draft.names("sensors"):
-        if name in targets:
-            message = f"'{name}' is a target and a sensor; a rule could not tell them apart"
-            yield Finding(("sensors", name), message, "give one another name", "name-twice")
+def _named_by_others(draft: Draft) -> Iterator[tuple[KeyPath, str, str | None]]:
+    for name, figure in draft.figures.items():
+        yield ("figures", name, "target"), "target", figure.target
     for name, table in draft.sensor_tables.items():
-        if table.confirms and table.confirms not in targets:
-            yield _no_target(draft, ("sensors", name, "confirms"), table.confirms)
-        if table.stop_below is not None and BASE_NAME not in draft.table:
-            message = f"'{name}' shall stop the base, but there is no section [base]"
-            yield Finding(("sensors", name, "stop_below"), message, "add one, or leave it out", "unknown-name")
+        yield ("sensors", name, "confirms"), "target", table.confirms or None
+        yield ("sensors", name, "stop_below"), "actuator", None if table.stop_below is None else BASE_NAME
 
 
-def _slow_targets_exist(draft: Draft) -> Iterator[Finding]:
-    names = draft.target_names
-    for name, rule in draft.rules.items():
-        slow = rule.follow.slow if rule.follow is not None else None
-        if slow is not None and slow.target not in names:
-            yield _no_target(draft, ("rules", name, "follow", "slow", "target"), slow.target)
+def _place_of(name: str, value: object, at: KeyPath) -> KeyPath | None:
+    """Return where a name stands in a condition; None if it does not, and so is of the rule or of its table."""
+    if value == name:
+        return at
+    inner: Any = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list) else ()
+    return next((found for key, each in inner if (found := _place_of(name, each, (*at, key)))), None)
 
 
-def _outputs_exist(draft: Draft) -> Iterator[Finding]:
-    known = draft.output_names
-    for rule_name, rule in draft.rules.items():
-        at = ("rules", rule_name, "actuator")
-        if rule.actuator is None or rule.actuator in known:
-            continue
-        if rule.actuator == BASE_NAME:
-            yield Finding(at, "the rule drives the base, but there is no section [base]", "add one", "unknown-name")
-        else:
-            hint = did_you_mean_or_list(rule.actuator, known)
-            yield Finding(at, f"there is no actuator '{rule.actuator}'", hint, "unknown-name")
+def _cycles(draft: Draft) -> Iterator[Finding]:
+    """Find a ring of rules, each of which asks whether the next is active."""
+    section_of = {each.rule.name: each.section for each in draft.compiled}
+    asks: dict[str, dict[str, KeyPath]] = defaultdict(dict)
+    for each, written in written_conditions(draft):
+        asks[each.section] |= {section_of.get(name, name): written.path for name in depends_on(written.condition)}
+    try:
+        TopologicalSorter(asks).prepare()
+    except CycleError as error:
+        # Each of them asks for the one before it, and the last is the first again.
+        ring: list[str] = error.args[1][::-1]
+        names = " → ".join(f"'{name}'" for name in ring)
+        message = f"these rules wait for each other: {names}"
+        yield Finding(asks[ring[0]][ring[1]], message, "take one of them out of the ring", "reference-cycle")
+
+
+def _topics(draft: Draft) -> Iterator[Finding]:
+    for section, rule in draft.rules.items() if "messenger" not in draft.table else ():
+        for number, step in enumerate(rule.escalation):
+            if step.topic is not None:
+                message = f"nothing sends '{step.topic}': there is no section [messenger]"
+                at = ("rules", section, "escalation", number, "topic")
+                yield Finding(at, message, "add one, or notify people with notify", "unknown-name")
+
+
+def _one_target_named(draft: Draft) -> Iterator[Finding]:
+    if len(draft.names("targets")) < 2:
+        return
+    names = ", ".join(draft.tables("targets"))
+    needs = {each.section for each in draft.compiled if each.needs_target}
+    rules = {name: rule for name, rule in draft.rules.items() if name in needs}
+    vague = [("rules", name) for name, rule in rules.items() if rule.target is None and not rule.targets]
+    vague += [("figures", name) for name, figure in draft.figures.items() if figure.target is None]
+    for at in vague:
+        message = f"which of the targets {names} is '{at[1]}' about?"
+        yield Finding((*at, "target"), message, draft.any_target_hint, "target-missing")
+
+
+def _names_once(draft: Draft) -> Iterator[Finding]:
+    taken = {member: group for group, members in draft.groups.items() for member in members}
+    taken |= {each.name: each.name.rpartition("-")[0] for each in draft.nearest}
+    for at in [(section, name) for section in ("targets", "sensors") for name in draft.tables(section)]:
+        other = f"[targets.{taken[at[1]]}] stands for" if at[1] in taken else ""
+        if other or (at[0] == "sensors" and at[1] in draft.names("targets")):
+            message = f"'{at[1]}' is also the name of a target{f' that {other}' if other else ''}"
+            yield Finding(at, message, "give one of them another name", "name-twice")
+
+
+def _rules_do_something(draft: Draft) -> Iterator[Finding]:
+    for name, table in draft.tables("rules").items():
+        is_misspelt = any(did_you_mean(key, KINDS) for key in table if key not in RuleTable.model_fields)
+        if not is_misspelt and table.keys().isdisjoint(KINDS):
+            hint = f'write {ONE_KIND}, such as when = {{ below = "50 cm" }}'
+            yield Finding(("rules", name), "the rule does nothing", hint, "missing-key")
+
+
+def _buttons(draft: Draft) -> Iterator[Finding]:
+    """Check that what buttons are for is there, and may be shelved for as long as they ask."""
+    for button, table in draft.button_tables.items():
+        asked, at = {table.press, table.hold}, ("buttons", button)
+        only_alarms = not asked.isdisjoint(_OF_ALARMS)
+        rules = {each.rule.name: each.rule for each in draft.compiled}
+        meant = {name: gate_of(rule) for name, rule in rules.items() if isinstance(rule, AlarmRule) or not only_alarms}
+        unread = draft.tables("rules").keys() - draft.rules.keys()
+        if table.rule and table.rule not in {*meant, *unread}:
+            hint = did_you_mean_or_list(table.rule, meant)
+            yield Finding((*at, "rule"), f"there is no alarm '{table.rule}'", hint, "unknown-name")
+        longest_s = meant[table.rule].shelve_max_s if table.rule in meant else math.inf
+        if "shelve" in asked and longest_s < (table.shelve_for or 1.0):
+            message = f"'{table.rule}' may be shelved for {longest_s:g} s at most (shelve_max)"
+            key = "rule" if table.shelve_for is None else "shelve_for"
+            yield Finding((*at, key), message, "shorten shelve_for, or raise shelve_max", "shelve-too-long")
+
+
+# Conditions that need what is not there, or never hold ----------------------------------------------------------------
+
+
+def _conditions(draft: Draft) -> Iterator[Finding]:
+    for _, written in written_conditions(draft):
+        parts = written.condition.conditions if isinstance(written.condition, AllOf) else ()
+        if any(are_apart(*pair) for pair in combinations(parts, 2)):  # below `any` or `not` that does no harm
+            message = "two limits of this on one figure exclude each other, so it never holds"
+            yield Finding(written.path, message, "write any in place of all, or change a limit", "never-true")
+        for leaf in leaves(written.condition):
+            if isinstance(leaf, ScheduleCondition) and leaf.is_by_sun:
+                yield from _needs_place(draft, written.path)
+            if isinstance(leaf, RememberedCondition) and (figure := draft.figures.get(leaf.name)) is not None:
+                unit = QUANTITIES[figure.of].unit
+                if leaf.unit != unit:
+                    message = f"the figure '{leaf.name}' is in {unit}, and not in {leaf.unit}"
+                    yield Finding(written.path, message, f"write its limits in {unit}", "bad-value")
+
+
+def limits_on_one_figure(one: Condition, other: Condition) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Return the limits of two simple conditions on one figure; None for others."""
+    if not (isinstance(one, LimitsCondition) and isinstance(other, LimitsCondition)):
+        return None
+    is_one_figure = (one.noun, one.targets_named) == (other.noun, other.targets_named)
+    return (one.limits, other.limits) if is_one_figure else None
+
+
+def are_apart(one: Condition, other: Condition) -> bool:
+    """Check whether two conditions have limits on one figure that exclude each other."""
+    found = limits_on_one_figure(one, other)
+    return found is not None and max(low for low, _ in found) >= min(high for _, high in found)
+
+
+def _needs_place(draft: Draft, at: KeyPath) -> Iterator[Finding]:
+    if draft.place is None or draft.place.latitude is None or draft.place.longitude is None:
+        hint = "add a section [place] with latitude and longitude, in degrees"
+        yield Finding(at, "where the sun rises and sets is not said", hint, "place-missing")
+    if trouble := missing("sun"):
+        yield Finding(at, f"when the sun rises and sets cannot be computed: {trouble}", "", "library-missing")
+
+
+def _heights(draft: Draft) -> Iterator[Finding]:
+    """Find heights above a floor, and targets on it, where it is not known how far below the camera it is."""
+    standing = [name for name, table in draft.target_tables.items() if table.on_floor is not False]
+    on_floor = [("targets", name, "on_floor") for name in standing]
+    if on_floor and draft.base is not None and getattr(draft.base.options, "tilt", None) is not None:
+        message = "the base tilts the camera, so its tilt above the floor is not known"
+        yield Finding((BASE_NAME, "tilt"), message, "leave on_floor out, or the tilt of the base", "floor-unseen")
+    if draft.camera_table.height is not None:
+        return
+    asks: list[KeyPath] = [*on_floor]
+    asks += [("figures", name, "of") for name, figure in draft.figures.items() if figure.of == "height"]
+    asks += [("rules", name, "ramp") for name, rule in draft.rules.items() if rule.ramp and rule.ramp.of == "height"]
+    for _, written in written_conditions(draft):
+        quantities = [leaf.quantity for leaf in leaves(written.condition) if isinstance(leaf, FigureCondition)]
+        asks += [written.path] if "height" in quantities else []
+    for path in asks:
+        hint = 'measure it and add such as height = "30 cm" to [camera]'
+        yield Finding(path, "how high the camera is above the floor is not known", hint, "height-unknown")
+
+
+# Parts that do not fit each other -------------------------------------------------------------------------------------
 
 
 def _outputs_fit(draft: Draft) -> Iterator[Finding]:
     for name, rule in draft.rules.items():
         at = ("rules", name, "actuator")
         if rule.follow and rule.actuator != BASE_NAME:
-            driven = f"not '{rule.actuator}'" if rule.actuator else "and this rule names nothing"
-            yield Finding(at, f"only the base can follow, {driven}", f'write actuator = "{BASE_NAME}"', "output-unfit")
+            yield Finding(at, "only the base can follow", f'write actuator = "{BASE_NAME}"', "output-unfit")
         drives = rule.follow is not None and (rule.follow.linear_max_mps or rule.follow.reverse_max_mps)
         if drives and draft.base is not None and draft.base.options.only_turns:
             message = f"the base '{draft.base.driver}' turns and drives nowhere, and this rule shall drive it"
             yield Finding(("rules", name, "follow"), message, 'write max_speed = "0 m/s"', "output-unfit")
-        if rule.ramp and rule.actuator == BASE_NAME:
-            hint = "drive an actuator, or write follow in place of ramp"
-            yield Finding(at, "a ramp cannot drive the base", hint, "output-unfit")
-        if rule.ramp and "actuator" not in draft.tables("rules")[name]:
-            hint = 'add one, such as actuator = "motor"'
-            yield Finding(at, "a ramp needs an actuator to drive", hint, "output-missing")
+        if rule.ramp and rule.actuator in {None, BASE_NAME}:
+            hint = 'write such as actuator = "motor", or follow in place of ramp'
+            yield Finding(at, "a ramp needs an actuator to drive, and cannot drive the base", hint, "output-unfit")
 
 
-def _pins_once(draft: Draft) -> Iterator[Finding]:
-    yield from _used_once(draft, PinMark, "pin", lambda pin: pin)
+def _safety_first(draft: Draft) -> Iterator[Finding]:
+    """Find safety rules that another rule goes before: on a base, one that drives it, since every alarm stops it."""
+    for safety in (each.rule for each in draft.compiled if each.rule.severity is Severity.SAFETY):
+        rivals = [each for each in draft.compiled if each.rule.output == safety.output is not None]
+        for each in rivals:
+            stops_too = safety.output == BASE_NAME and isinstance(each.rule, AlarmRule)
+            if each.rule.priority > safety.priority and not stops_too and each.rule.severity is not Severity.SAFETY:
+                message = f"'{each.rule.name}' goes before the safety rule '{safety.name}' and drives '{safety.output}'"
+                hint = f"give '{safety.name}' the higher priority, such as priority = {each.rule.priority + 100}"
+                yield Finding(each.at("priority"), message, hint, "shadowed")
 
 
-def _ports_once(draft: Draft) -> Iterator[Finding]:
-    # One device has several names below /dev/serial.
-    yield from _used_once(draft, PortMark, "serial port", os.path.realpath)
-
-
-def _used_once(draft: Draft, mark: type, kind: str, identity: Callable[[Any], object]) -> Iterator[Finding]:
-    users: dict[object, list[tuple[KeyPath, object]]] = defaultdict(list)
+def _used_once(draft: Draft) -> Iterator[Finding]:
+    """Find pins and serial ports that two drivers use; a port has several names below ``/dev/serial``."""
+    users: dict[object, KeyPath] = {}
     for table, part in draft.drivers.items():
-        for key, value in marked_options(part.options, mark):
-            users[identity(value)].append(((*table, *key), value))
-    for (first, _), *others in users.values():
-        for path, value in others:
-            message = f"{kind} {value} is used twice: by {_dotted(first)} and by {_dotted(path)}"
-            yield Finding(path, message, "each needs its own", "used-twice")
+        pins = [((*table, *key), f"pin {pin}", pin) for key, pin in marked_options(part.options, PinMark)]
+        ports = [
+            ((*table, *key), f"serial port {port}", os.path.realpath(str(port)))
+            for key, port in marked_options(part.options, PortMark)
+        ]
+        for path, what, identity in (*pins, *ports):
+            if (first := users.setdefault(identity, path)) != path:
+                by = " and by ".join(".".join(map(str, each)) for each in (first, path))
+                yield Finding(path, f"{what} is used twice: by {by}", "each needs its own", "used-twice")
+
+
+def _cameras(draft: Draft) -> Iterator[Finding]:
+    """Find rules without a lens, one camera used as two, and targets of unknown size before a single one."""
+    camera = draft.table.get("camera")
+    first, second = draft.camera, draft.second_camera
+    if second is None and draft.names("rules") and isinstance(camera, dict) and "model" not in camera:
+        message = "rules need distances, and distances need a camera model"
+        hint = 'run `stadimeter calibrate distance PICTURE@DISTANCE -o camera.toml` and add model = "camera.toml"'
+        yield Finding(("camera", "model"), message, hint, "camera-model-missing")
+    if first is not None and second is not None:
+        if first.driver == second.driver and _which(first) == _which(second):
+            hint = "name another device; where it is simulated, write baseline"
+            yield Finding(("second_camera", "driver"), "this is the first camera once more", hint, "used-twice")
+        if draft.camera_table.model is not None:
+            message = "the stereo file of [second_camera] has the lenses of both cameras"
+            yield Finding(("camera", "model"), message, "leave it out", "used-twice")
+        return
+    for target in draft.targets:
+        table = draft.target_tables.get(target.name)
+        if table is not None and not table.on_floor and _is_size_unknown(target):
+            hint = "add a section [second_camera], write on_floor for what stands on the floor, or measure its size"
+            message = "one camera measures no distance of a thing whose size is not known"
+            yield Finding(("targets", target.name), message, hint, "size-unknown")
+
+
+def _which(camera: DriverChoice) -> list[object]:
+    """Return the device of a camera, which has several names; a number is one of them."""
+    options = [getattr(camera.options, key, None) for key in _WHICH]
+    paths = [f"/dev/video{each}" if isinstance(each, int) else each for each in options]
+    return [os.path.realpath(each) if isinstance(each, str) and each.startswith("/dev/") else each for each in paths]
+
+
+def _is_size_unknown(target: DriverChoice) -> bool:
+    sigmas = (getattr(target.options, key, None) for key in ("tolerance", "height", "width", "eye_distance"))
+    return any(getattr(each, "sigma_m", each) == math.inf for each in sigmas)
 
 
 def _world_around(draft: Draft) -> Iterator[Finding]:
@@ -236,13 +352,7 @@ def _world_around(draft: Draft) -> Iterator[Finding]:
             yield Finding((*table, key), message, "add one; it may be empty", "world-missing")
 
 
-def _lens_known(draft: Draft) -> Iterator[Finding]:
-    camera = draft.table.get("camera")
-    if draft.names("rules") and isinstance(camera, dict) and "model" not in camera and draft.second_camera is None:
-        hint = 'run `stadimeter calibrate distance PICTURE@DISTANCE -o camera.toml` and add model = "camera.toml"'
-        yield Finding(
-            ("camera", "model"), "rules need distances, and distances need a camera model", hint, "camera-model-missing"
-        )
+# Times that let outputs act blindly, and loops that swing -------------------------------------------------------------
 
 
 def _never_blind_for_long(draft: Draft) -> Iterator[Finding]:
@@ -261,125 +371,34 @@ def _never_blind_for_long(draft: Draft) -> Iterator[Finding]:
 
 def _watchdog_after_leases(draft: Draft) -> Iterator[Finding]:
     """The watchdog process must leave the guard, which ends leases, the time to do so."""
-    longest_s = max((table.lease for table in draft.output_tables.values()), default=0.0)
+    least_s = max((table.lease for table in draft.output_tables.values()), default=0.0) + WATCHDOG_AFTER_LEASE_S
     limit_s = draft.safety.watchdog
-    if limit_s is not None and limit_s < longest_s + WATCHDOG_AFTER_LEASE_S:
-        least_s = longest_s + WATCHDOG_AFTER_LEASE_S
+    if limit_s is not None and limit_s < least_s:
         message = f"{limit_s:g} s would end a program that still drives its outputs as it should"
         hint = f"write {least_s:g} s or more, {WATCHDOG_AFTER_LEASE_S:g} s after the longest lease, or leave it out"
         yield Finding(("safety", "watchdog"), message, hint, "watchdog-too-short")
 
 
-def _dotted(path: KeyPath) -> str:
-    return ".".join(str(part) for part in path)
-
-
-# The table of a condition -------------------------------------------------------------------------
-
-
-def condition_findings(at: KeyPath, table: Mapping[str, Any], depth: int = 1) -> Iterator[Finding]:
-    """Check which keys stand in the table of a condition, and in those of the conditions that it is made of.
-
-    Args:
-        depth: How many conditions it stands inside of, itself included.
-    """
-    if depth > MAX_DEPTH:
-        message = f"conditions stand inside each other more than {MAX_DEPTH} deep"
-        yield Finding(at, message, "make rules of some of them, and ask for those with rule", "too-deep")
-        return
-    written = [key for key in _NAMED if key in table]
-    yield from _not_empty(at, table, written)
-    yield from _limits_of_one_form(at, table)
-    if written:
-        yield from _meaningless(at, table, written)
-    yield from _inner_tables(at, table)
-    for path, part in _parts(at, table):
-        yield from condition_findings(path, part, depth + 1)
-
-
-def _not_empty(at: KeyPath, table: Mapping[str, Any], written: list[str]) -> Iterator[Finding]:
-    misspelt = any(did_you_mean(key, _NAMED) for key in table if key not in _KNOWN)
-    if not written and not misspelt:
-        yield Finding(at, "the condition is empty", _ONE_OF, "condition-keys")
-
-
-def _meaningless(at: KeyPath, table: Mapping[str, Any], written: list[str]) -> Iterator[Finding]:
-    about = [key for key in KEYS_ABOUT_WHOM if key in table]
-    for key in about[1:]:
-        yield Finding((*at, key), f"'{about[0]}' says already whom this is about", "keep one of them", "condition-keys")
-    if any(key in LIMITS for key in written):
-        return
-    kinds = " and ".join(f"'{kind}'" for kind in written)
-    inside = next((kind for kind in written if kind in _INSIDE), "")
-    for key in (key for key in KEYS_ABOUT_DISTANCE if key in table):
-        hint = f"write it inside {inside}" if inside and key != "of" else "leave it out"
-        yield Finding((*at, key), f"'{key}' has no meaning beside {kinds}", hint, "condition-keys")
-    about_what = [conditions.KINDS[key].is_about for key in written]
-    if "target" in table and "target" not in about_what:
-        of_others = "others" in about_what
-        hint = "write it inside each condition that is about another target" if of_others else "leave it out"
-        yield Finding((*at, "target"), f"'target' has no meaning beside {kinds}", hint, "condition-keys")
-
-
-def _inner_tables(at: KeyPath, table: Mapping[str, Any]) -> Iterator[Finding]:
-    inner = {key: value for key, value in table.items() if isinstance(value, Mapping)}
-    for key in (key for key in _BETWEEN_LIMITS if key in inner):
-        yield from _limits_of_one_form((*at, key), inner[key])
-        yield from _any_limit((*at, key), inner[key])
-    if "count" in inner and not inner["count"].keys() & {"at_least", "at_most"}:
-        hint = "add at_least, at_most, or both"
-        yield Finding((*at, "count"), "how many targets is not said", hint, "condition-keys")
-    separation = inner.get("separation", {}).get("of")
-    if isinstance(separation, list) and len(separation) == 2 and separation[0] == separation[1]:
-        message = f"'{separation[0]}' is always where it is itself"
-        yield Finding((*at, "separation", "of"), message, "name two targets", "condition-keys")
-    between = inner.get("time", {}).get("between")
-    if isinstance(between, list) and len(between) == 2 and between[0] == between[1]:
-        hint = 'write ["00:00", "24:00"] for the whole day'
-        message = f"the time begins and ends at {between[0]}"
-        yield Finding((*at, "time", "between"), message, hint, "empty-interval")
-
-
-def _limits_of_one_form(at: KeyPath, table: Mapping[str, Any]) -> Iterator[Finding]:
-    sides = [key for key in ("above", "below") if key in table]
-    written = [form for form in (" and ".join(sides), "between" if "between" in table else "") if form]
-    if len(written) > 1:
-        message = f"a condition cannot have {', '.join(written)} at once"
-        yield Finding(at, message, _LIMITS_FORM, "condition-keys")
-
-
-def _any_limit(at: KeyPath, table: Mapping[str, Any]) -> Iterator[Finding]:
-    if not any(key in table for key in LIMITS) and not any(did_you_mean(key, LIMITS) for key in table):
-        yield Finding(at, f"'{at[-1]}' has no limit", _LIMITS_FORM, "condition-keys")
-
-
-def _parts(at: KeyPath, table: Mapping[str, Any]) -> Iterator[tuple[KeyPath, Mapping[str, Any]]]:
-    for key in ("all", "any"):
-        entries = table.get(key)
-        for number, entry in enumerate(entries if isinstance(entries, list) else ()):
-            if isinstance(entry, Mapping):
-                yield (*at, key, number), entry
-    if isinstance(table.get("not"), Mapping):
-        yield (*at, "not"), table["not"]
+def _loops_stable(draft: Draft) -> Iterator[Finding]:
+    """Find gains of rules that follow which are too much for the delay from the picture to the wheels."""
+    options = draft.camera.options if draft.camera is not None else None
+    latency_s = options.frame_latency_s() if isinstance(options, StatesLatency) else 0.0
+    for name, rule in draft.rules.items():
+        if rule.follow is None:
+            continue
+        delay_s = rule.follow.delay_s or max(latency_s, USUAL_AGE_S) + RESPONSE_S
+        for key, gain_per_s in (("gain", rule.follow.gain_per_s), ("turn_gain", rule.follow.turn_gain_per_s)):
+            if gain_per_s is not None and gain_per_s * delay_s > MAX_GAIN_SHARE:
+                message = (
+                    f"{key} {gain_per_s:g} with {1e3 * delay_s:.0f} ms from the picture to the wheels: above "
+                    f"{MAX_GAIN_SHARE:g} gain times delay, the base swings ever wider"
+                )
+                hint = f"leave it out, or write {GAIN_SHARE / delay_s:.2g}"
+                yield Finding(("rules", name, "follow", key), message, hint, "gain-unstable")
 
 
 _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
-    _rules_by_themselves,
+    _rules_do_something, _references, _cycles, _topics, _one_target_named, _names_once, _buttons, _conditions, _heights,
+    _outputs_fit, _safety_first, _used_once, _cameras, _world_around, _never_blind_for_long, _watchdog_after_leases,
     _loops_stable,
-    _slow_targets_exist,
-    _targets_exist,
-    _sensors,
-    _outputs_exist,
-    _outputs_fit,
-    _pins_once,
-    _ports_once,
-    _world_around,
-    _lens_known,
-    _never_blind_for_long,
-    _watchdog_after_leases,
-    reference_errors,
-)
-_ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
-    band_errors, quantity_errors, floor_errors, second_camera_errors, holding_errors, shadow_errors,
-    promise_errors, schedule_errors, memory_errors,
 )  # fmt: skip

@@ -178,8 +178,9 @@ def _models_at(model: type[BaseModel], path: KeyPath) -> list[type[BaseModel]]:
 
 
 def _elsewhere(model: type[BaseModel]) -> Mapping[str, str]:
-    """Return the text to write in place of keys that people try in a table."""
-    return getattr(model, "written_elsewhere", {})
+    """Return the text to write in place of keys that people try in a table, those of its bases included."""
+    of_each = (vars(each).get("written_elsewhere", {}) for each in reversed(model.__mro__))
+    return {key: hint for hints in of_each for key, hint in hints.items()}
 
 
 def format_value(value: object) -> str:

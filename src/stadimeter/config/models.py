@@ -166,9 +166,6 @@ OnFloorText = Annotated[
 class TargetTable(Section):
     """The keys that every target has, whatever its detector."""
 
-    max_closing_speed: Speed | None = None
-    """In m/s; how fast it comes at most. `check` says which rules would be too late for that. None if it is not
-    known."""
     on_floor: OnFloorText = False
     """Whether it stands on the floor; `"lying"` for what lies flat on it, or how high its centre is above it."""
 

@@ -68,12 +68,13 @@ class DriverOptions(OptionsTable):
         emulator: Of a base, the port that emulates what it drives, where that is not ``emulated-`` and its name.
         title: Of a base, what it is, for `init` and the page.
         verb: Of an actuator, what it does when it acts, for descriptions.
-        is_worn_by_switching: Of an actuator, whether each change of its level wears it out: ``check`` warns of patterns
-            that never end.
         circuit: Of an output or a button, what hangs on its pin, for ``wiring``: ``motor`` (or another coil with its
             own supply), ``buzzer``, ``led``, ``relay`` (a board with an input), ``motor-driver`` or ``button``; empty
             for a 3.3 V signal.
     """
+
+    written_elsewhere: ClassVar[dict[str, str]] = {"max_closing_speed": "leave it out: `check` asks for no speeds"}
+    """Keys that no driver has any more, and what to do instead."""
 
     needs_world: ClassVar[bool] = False
     needs_pixels: ClassVar[bool] = True
@@ -81,7 +82,6 @@ class DriverOptions(OptionsTable):
     emulator: ClassVar[str] = ""
     title: ClassVar[str] = ""
     verb: ClassVar[str] = "drives"
-    is_worn_by_switching: ClassVar[bool] = False
     circuit: ClassVar[str] = ""
 
     @property

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, mod
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.models import DurationAboveZero, Section, Share
 from stadimeter.config.rules.conditions import WhenTable
-from stadimeter.config.units import Angle, AngleOrZero, Duration, Length, LengthOrZero, Speed, TurnRate
+from stadimeter.config.units import AngleOrZero, Duration, Length, LengthOrZero, Speed, TurnRate
 from stadimeter.core import rule, templates
 from stadimeter.core.decision import Severity
 from stadimeter.core.message import OWN_FIRST_LEVELS
@@ -287,7 +287,7 @@ class FollowTable(Section):
     """In rad/s."""
     deadband_m: LengthOrZero = Field(default=_FOLLOW.deadband_m, alias="deadband")
     """In metres."""
-    deadband_rad: Angle = Field(default=_FOLLOW.deadband_rad, alias="turn_deadband")
+    deadband_rad: AngleOrZero = Field(default=_FOLLOW.deadband_rad, alias="turn_deadband")
     """In radians."""
     turn: bool = True
     """Whether the base can steer; false for a slider, which only drives to and fro."""
@@ -297,6 +297,12 @@ class FollowTable(Section):
     """In metres; it drives no further from where it began. None for any distance."""
     slow: SlowTable | None = None
     """A target near which it is slow."""
+
+    @model_validator(mode="after")
+    def _comes_back(self) -> Self:
+        if self.deadband_m >= self.distance_m:
+            raise ValueError(f"the deadband {self.deadband_m:g} m reaches past the distance {self.distance_m:g} m")
+        return self
 
     def to_plan(self, common: RuleCommon) -> rule.FollowRule:
         """Return the rule as the core sees it."""

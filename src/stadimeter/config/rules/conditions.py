@@ -117,6 +117,10 @@ class CountTable(WindowTable):
     @model_validator(mode="after")
     def _raises_at_least(self) -> Self:
         least, others = self.at_least or 0, (self.at_most, self.of, self.below)
+        if self.at_least is None and self.at_most is None:
+            raise ValueError("how many is not said; write at_least, at_most, or both")
+        if self.at_most is not None and least > self.at_most:
+            raise ValueError(f"no count is at least {least} and at most {self.at_most}; exchange the two")
         if self.rule is not None and not (1 <= least <= MAX_RAISES and others == (None, None, None)):
             raise ValueError(f"beside rule stands at_least, 1 to {MAX_RAISES}, and none of at_most, of and below")
         return self
@@ -149,16 +153,16 @@ AnyQuantity = Annotated[
 ]
 
 
-class FigureLimitsTable(Section):
+class FigureLimitsTable(limits.LimitsTable):
     """A condition on a remembered figure."""
 
     name: str
     """Its name, as in ``[figures.NAME]``."""
-    above: AnyQuantity | None = None
+    above: AnyQuantity | None = None  # type: ignore[assignment]
     """Holds above this; in a unit of its quantity."""
-    below: AnyQuantity | None = None
+    below: AnyQuantity | None = None  # type: ignore[assignment]
     """Holds below this."""
-    between: Annotated[list[AnyQuantity], Field(min_length=2, max_length=2)] | None = None
+    between: Annotated[list[AnyQuantity], Field(min_length=2, max_length=2)] | None = None  # type: ignore[assignment]
     """The same two at once, the lower end first."""
     deadband: AnyQuantity | None = None
     """How far the figure must come back."""
@@ -263,6 +267,12 @@ class TimeTable(Section):
     dates: Annotated[list[Dates], Field(min_length=1, max_length=100)] | None = None
     """The dates of every year on which it begins; every day if left out."""
 
+    @model_validator(mode="after")
+    def _takes_time(self) -> Self:
+        if self.between[0] == self.between[1]:
+            raise ValueError('the time ends when it begins; write ["00:00", "24:00"] for the whole day')
+        return self
+
     def to_plan(self) -> ScheduleCondition:
         """Return the condition as the core sees it."""
         weekdays = tuple(sorted({DAYS.index(day) for day in self.days or ()}))
@@ -280,6 +290,12 @@ class SequenceTable(Section):
     """In seconds, from the first to the last."""
     for_: Annotated[DurationAboveZero | None, Field(alias="for")] = None
     """For how long it holds then, in seconds, written ``for``; None for as long as the last is active."""
+
+    @model_validator(mode="after")
+    def _each_once(self) -> Self:
+        if len({*self.rules}) < len(self.rules):
+            raise ValueError("a rule is named twice, and only when it was raised last counts; name each once")
+        return self
 
     def to_plan(self) -> SequenceCondition:
         """Return the condition as the core sees it."""
@@ -339,9 +355,6 @@ def _of_base(base: Any) -> Condition:
 
 
 # The table of a condition ---------------------------------------------------------------------------
-
-# Greatest depth of nested conditions.
-MAX_DEPTH = 20
 
 _DISTANCE = DistanceCondition()
 
@@ -413,6 +426,7 @@ class WhenTable(limits.LimitsTable, limits.LikelihoodTable):
         "hysteresis": "it is called deadband",
         **LEFT,
     }
+    needs_limit: ClassVar[bool] = False
 
     above: Length | None = None
     """In metres; holds when the target is further."""
@@ -494,9 +508,29 @@ class WhenTable(limits.LimitsTable, limits.LikelihoodTable):
     ] = None
     """Written ``not``; holds while this does not."""
 
+    @model_validator(mode="after")
+    def _is_of_one_piece(self) -> Self:
+        kinds = {key: kind for field, (key, kind) in _BY_FIELD.items() if getattr(self, field) is not None}
+        low_m, high_m = self.limits
+        has_limits = (low_m, high_m) != (None, None)
+        about = [key for key in KEYS_ABOUT_WHOM if getattr(self, key) is not None]
+        if not kinds and not has_limits:
+            raise ValueError(f"the condition is empty; write one of {', '.join((*LIMITS, *KINDS))}")
+        if len(about) > 1:
+            raise ValueError(f"'{about[0]}' says already whom this is about; leave out '{about[1]}'")
+        stray = [key for key in KEYS_ABOUT_DISTANCE if key in self.model_fields_set and not has_limits]
+        if self.target is not None and not has_limits and "target" not in [kind.is_about for kind in kinds.values()]:
+            stray.append("target")
+        if stray:
+            beside = " and ".join(f"'{key}'" for key in kinds)
+            raise ValueError(f"'{stray[0]}' has no meaning beside {beside}; write it inside, or leave it out")
+        if high_m is None and low_m is not None and self.deadband >= low_m:
+            raise ValueError(f"with a deadband of {self.deadband:g} m above {low_m:g} m the alarm could never clear")
+        return self
+
     def to_plan(self, severity: Severity) -> Condition:
         """Return the condition as the core sees it; a default depends on how much the rule matters."""
-        written = [(kind, getattr(self, field)) for field, kind in _BY_FIELD.items()]
+        written = [(kind, getattr(self, field)) for field, (_, kind) in _BY_FIELD.items()]
         plans = [kind.convert(each, severity, self.target or "") for kind, each in written if each is not None]
         if not plans or any(limit is not None for limit in self.limits):
             plans.insert(0, self._distance(severity))
@@ -516,11 +550,14 @@ class WhenTable(limits.LimitsTable, limits.LikelihoodTable):
         )
 
 
-# The kinds by the names of their fields, and by their keys, in the order of `to_plan`.
-_BY_FIELD: dict[str, Kind] = {
-    name: kind for name, field in WhenTable.model_fields.items() for kind in field.metadata if isinstance(kind, Kind)
+# The kinds with their keys by the names of their fields, in the order of `to_plan`; and by their keys.
+_BY_FIELD: dict[str, tuple[str, Kind]] = {
+    name: (field.alias or name, kind)
+    for name, field in WhenTable.model_fields.items()
+    for kind in field.metadata
+    if isinstance(kind, Kind)
 }
-KINDS: dict[str, Kind] = {WhenTable.model_fields[name].alias or name: kind for name, kind in _BY_FIELD.items()}
+KINDS: dict[str, Kind] = dict(_BY_FIELD.values())
 
 # The keys that say whom a condition is about, of which one is written.
 KEYS_OF_GROUPS = ("any_of", "all_of")

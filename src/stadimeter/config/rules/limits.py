@@ -4,10 +4,10 @@ Limits on the distance stand in the table of a condition itself; each other figu
 are no texts here, as in every file of tables: pydantic would compile each once more whenever the program starts.
 """
 
-from typing import Annotated, Any, ClassVar, Generic, Literal, TypedDict, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, Self, TypedDict, TypeVar
 
 from msgspec.structs import replace
-from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema
+from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
 from stadimeter.config import units
 from stadimeter.config.models import DurationAboveZero, Section
@@ -47,6 +47,9 @@ Sigmas = Annotated[float, Field(ge=0)]
 class LimitsTable(Section):
     """Limits on a figure."""
 
+    needs_limit: ClassVar[bool] = True
+    """Whether a table without a limit says nothing."""
+
     above: float | None = None
     """Holds above this."""
     below: float | None = None
@@ -60,6 +63,17 @@ class LimitsTable(Section):
         if self.between is not None:
             return self.between[0], self.between[1]
         return self.above, self.below
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        low, high = self.limits
+        if self.between is not None and (self.above is not None or self.below is not None):
+            raise ValueError("above and below have no meaning beside between, which says both")
+        if low is None and high is None and self.needs_limit:
+            raise ValueError("there is no limit; write above, below, both of these, or between")
+        if low is not None and high is not None and low >= high:
+            raise ValueError("nothing is between these limits; write the lower one first, or as above")
+        return self
 
 
 class Likelihood(TypedDict):
@@ -82,6 +96,13 @@ class LikelihoodTable(Section):
 
     probability_for_safety: ClassVar[float] = PROBABILITY_FOR_SAFETY
     """How likely it must be for a safety rule that does not say so."""
+
+    @model_validator(mode="after")
+    def _does_not_chatter(self) -> Self:
+        on, off = self.probability, self.probability_off
+        if on is not None and off > on:
+            raise ValueError(f"probability_off {off:g} is above probability {on:g}: the alarm would chatter")
+        return self
 
     def likelihood(self, severity: Severity) -> Likelihood:
         """Return the same as the core sees it, for a rule that matters so much."""

@@ -13,10 +13,12 @@ from stadimeter.config.rules.conditions import Every, TimesOfDay, WhenTable
 from stadimeter.config.rules.limits import WrittenFigure, parse_figure
 from stadimeter.config.units import Duration
 from stadimeter.core import rule
+from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.compounds import Condition, leaves, targets_of
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.quantities import QuantityName
 from stadimeter.core.decision import Severity
+from stadimeter.core.rules.ramp import LATE_S
 
 # The table of a ramp and of its points, and what the core has of it ---------------------------------
 #
@@ -79,6 +81,10 @@ class RampTable(Section):
             missing = [_OF_A_CURVE[key] for key in ("start", "full") if getattr(self, key) is None]
             if missing:
                 raise ValueError(f"'{missing[0]}' is missing; a ramp has from and to, or points")
+            if self.ends[0] == self.ends[1]:
+                raise ValueError("the ramp ends where it begins; choose two figures, or write a rule with when")
+            if self.min > self.max:
+                raise ValueError(f"min {self.min:g} is above max {self.max:g}; from and to give the direction")
             return self
         also = [_OF_A_CURVE[key] for key in _OF_A_CURVE if key in self.model_fields_set]
         if also:
@@ -122,7 +128,7 @@ class RampTable(Section):
 
 # ----------------------------------------------------------------------------------------------------
 
-__all__ = ["KINDS", "FramesTable", "RuleTable", "WhenTable"]
+__all__ = ["FramesTable", "RuleTable", "WhenTable"]
 
 _LOST = rule.Lost()
 _RULE = rule.Rule(name="", target="")
@@ -138,6 +144,13 @@ UNTIL_ACKNOWLEDGED = "until-acknowledged"
 AT_TIMES = ("every", "at")
 GATED = ("ramp", "follow", *AT_TIMES)
 KINDS = ("when", *GATED)
+ONE_KIND = f"one of {', '.join(GATED)}, or when alone"
+_ONLY_FOR_ALARMS = (
+    "targets", "on_delay", "off_delay", "delay_tolerance", "level", "pattern", "at_start", "latch", "ack", "realarm",
+    "cooldown", "raises_per_min_max", "group", "escalation", "notify",
+)  # fmt: skip
+_SENDS = ("escalation", "notify")
+_OF_ALARM_STEPS = {"actuator", "after", "on", "only_unacknowledged"}
 
 
 class LostTable(Section):
@@ -149,6 +162,12 @@ class LostTable(Section):
     """What happens after it; None for ``hold``, or ``clear`` where the off-delay is longer than `fault_after`."""
     fault_after: Duration = _LOST.fault_after_s
     """In seconds."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.fault_after < self.grace:
+            raise ValueError(f"fault_after {self.fault_after:g} s is shorter than grace {self.grace:g} s")
+        return self
 
     def to_plan(self, off_delay_s: float) -> rule.Lost:
         """Return the table as the core sees it.
@@ -167,6 +186,12 @@ class FramesTable(Section):
     """In this many frames the condition must hold."""
     of: Annotated[int, Field(ge=1)]
     """Of this many newest frames."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.frames > self.of:
+            raise ValueError(f"{self.frames} of {self.of} frames can never be; exchange them")
+        return self
 
 
 # More to the contrary in a row than this are no noise, at any rate of a camera: at 30 Hz they last 3 s.
@@ -272,6 +297,50 @@ class RuleTable(Section):
     escalation: list[StepTable] = Field(default_factory=list)
     """What else it does, and when."""
 
+    @model_validator(mode="after")
+    def _is_of_one_kind(self) -> Self:
+        acts = [kind for kind in GATED if getattr(self, kind) is not None]
+        if len(acts) > 1:
+            raise ValueError(f"a rule has {ONE_KIND}; make a rule of its own of each of {' and '.join(acts)}")
+        stray = [key for key in _ONLY_FOR_ALARMS if key in self.model_fields_set]
+        if acts and acts[0] in AT_TIMES:
+            stray = [key for key in stray if key not in _SENDS]
+            self._sends_only()
+        if acts and stray:
+            raise ValueError(f"'{stray[0]}' has no meaning beside {acts[0]}; leave it out")
+        return self
+
+    def _sends_only(self) -> None:
+        """Refuse a message at times that drives something, says nothing, or comes twice in one moment."""
+        if self.actuator is not None or any(step.model_fields_set & _OF_ALARM_STEPS for step in self.escalation):
+            raise ValueError("a rule with every or at sends at its times, and no more: it drives and awaits nothing")
+        if not self.steps:
+            raise ValueError("the rule sends nothing; add notify, or a step with topic")
+        times = sorted(self.at or [0.0])
+        if any(later - time < 2 * LATE_S for time, later in pairwise([*times, times[0] + DAY_S])):
+            raise ValueError("two of the times are less than 2 min apart; leave one out")
+
+    @model_validator(mode="after")
+    def _is_safe(self) -> Self:
+        if self.severity is not Severity.SAFETY:
+            return self
+        delay = self.on_delay.frames - 1 if isinstance(self.on_delay, FramesTable) else self.on_delay
+        is_late = {"on_delay": delay, "shelve_max": self.shelve_max, "suppress_when": self.suppress_when}
+        if wrong := [key for key, value in {**is_late, "observe": self.observe}.items() if value]:
+            hint = 'leave it out, or write severity = "alarm"'
+            raise ValueError(f"a safety rule acts at once and always, so it has no {' and no '.join(wrong)}; {hint}")
+        return self
+
+    @model_validator(mode="after")
+    def _delays_are_delays(self) -> Self:
+        tolerance_s = self.delay_tolerance
+        for key in ("on_delay", "off_delay"):
+            delay_s = getattr(self, key)
+            if isinstance(tolerance_s, float) and isinstance(delay_s, float) and 0 < delay_s <= tolerance_s:
+                # Two frames that far apart would fulfil the delay.
+                raise ValueError(f"delay_tolerance {tolerance_s:g} s is no shorter than {key} {delay_s:g} s")
+        return self
+
     @property
     def is_gated(self) -> bool:
         """True if it does something of its own, as far as `when` lets it, and so is no alarm."""
@@ -303,9 +372,6 @@ class RuleTable(Section):
         Returns:
             One rule; with several targets one for each. One that names no target watches the first of those that its
             condition is about, or else the first of all.
-
-        Raises:
-            ValueError: The table has none of `KINDS`.
         """
         is_alarm = conditions.when is not None and not self.is_gated
         about = targets_of(conditions.when) if conditions.when is not None and is_alarm else frozenset[str]()
@@ -335,9 +401,9 @@ class RuleTable(Section):
                 escalation=tuple(step.to_plan(self.severity) for step in self.steps),
             )
             return replace(self._gated(common), gate=gate)
-        if conditions.when is not None:
-            return self._alarm(common, conditions.when, conditions.suppress_when)
-        raise ValueError(f"the rule '{name}' has none of: {', '.join(KINDS)}")
+        if conditions.when is None:
+            raise ValueError("a rule that is not gated has a condition")
+        return self._alarm(common, conditions.when, conditions.suppress_when)
 
     def _gated(self, common: RuleCommon) -> rule.RampRule | rule.FollowRule | rule.ReportRule:
         acts = self.ramp or self.follow
