@@ -8,14 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from support.command_line import Typed, typed
+from support.command_line import typed
 
 GOOD = "width_px = 640\nheight_px = 480\nfx_px = 600.0\n"
 SHEET = ("--sheet", "11in,8.5in")
-
-
-def _run(*arguments: object) -> Typed:
-    return typed(*arguments)
 
 
 @pytest.fixture
@@ -43,7 +39,7 @@ def picture(tmp_path: Path) -> Path:
 def test_a_camera_file_that_cannot_be_right_is_one_line(picture: Path, tmp_path: Path, text: str, said: str) -> None:
     file = tmp_path / "camera.toml"
     file.write_text(text, encoding="utf-8")
-    result = _run("measure", picture, "--camera", file, *SHEET)
+    result = typed("measure", picture, "--camera", file, *SHEET)
     assert result.returncode == 2
     assert result.stdout == ""
     (line,) = result.stderr.splitlines()
@@ -55,14 +51,14 @@ def test_the_shortest_lenses_and_long_telescopes_are_cameras_too(picture: Path, 
     file = tmp_path / "camera.toml"
     for focal_px in ("20.0", "600000.0"):
         file.write_text(GOOD.replace("600.0", focal_px), encoding="utf-8")
-        assert _run("measure", picture, "--camera", file, *SHEET).returncode < 2
+        assert typed("measure", picture, "--camera", file, *SHEET).returncode < 2
 
 
 def test_a_picture_that_is_given_twice_is_refused_since_it_tells_nothing_more(picture: Path, tmp_path: Path) -> None:
     output = tmp_path / "camera.toml"
     for distances in (("30in", "30in"), ("30in", "60in")):
         given = [f"{picture}@{distance}" for distance in distances]
-        result = _run("calibrate", "distance", *given, *SHEET, "-o", output)
+        result = typed("calibrate", "distance", *given, *SHEET, "-o", output)
         assert result.returncode == 2
         assert f"{picture} is given twice" in result.stderr
         assert not output.exists()
@@ -71,7 +67,7 @@ def test_a_picture_that_is_given_twice_is_refused_since_it_tells_nothing_more(pi
 @pytest.mark.parametrize("distance", ["1mm", "10000km"])
 def test_a_distance_that_no_lens_explains_writes_nothing(picture: Path, tmp_path: Path, distance: str) -> None:
     output = tmp_path / "camera.toml"
-    result = _run("calibrate", "distance", f"{picture}@{distance}", *SHEET, "-o", output)
+    result = typed("calibrate", "distance", f"{picture}@{distance}", *SHEET, "-o", output)
     assert result.returncode == 2
     (line,) = result.stderr.splitlines()
     assert "is not that of a lens" in line

@@ -10,13 +10,9 @@ import numpy as np
 import pytest
 
 from stadimeter.config.camera_file import load_camera_model
-from support.command_line import Typed, typed
+from support.command_line import typed
 
 SHEET = ("--sheet", "11in,8.5in")
-
-
-def _run(*arguments: object) -> Typed:
-    return typed(*arguments)
 
 
 def _picture(path: Path, width_px: int, height_px: int, centre: tuple[int, int] = (320, 240)) -> Path:
@@ -38,7 +34,7 @@ def output(tmp_path: Path) -> Path:
 
 
 def test_one_picture_is_enough(near: Path, output: Path) -> None:
-    result = _run("calibrate", "distance", f"{near}@30in", *SHEET, "-o", output)
+    result = typed("calibrate", "distance", f"{near}@30in", *SHEET, "-o", output)
     assert result.returncode == 0
     assert result.stderr == ""
     first, second, third = result.stdout.splitlines()
@@ -55,14 +51,14 @@ def test_one_picture_is_enough(near: Path, output: Path) -> None:
 
 def test_what_was_calibrated_measures_right(near: Path, output: Path, tmp_path: Path) -> None:
     far = _picture(tmp_path / "far.png", 110, 85)
-    _run("calibrate", "distance", f"{near}@30in", *SHEET, "-o", output)
-    record = json.loads(_run("measure", far, "--camera", output, *SHEET, "--json").stdout)
+    typed("calibrate", "distance", f"{near}@30in", *SHEET, "-o", output)
+    record = json.loads(typed("measure", far, "--camera", output, *SHEET, "--json").stdout)
     assert record["distance_m"] == pytest.approx(60 * 0.0254, rel=0.01)
 
 
 def test_several_pictures_are_listed_and_combined(near: Path, output: Path, tmp_path: Path) -> None:
     far = _picture(tmp_path / "far.png", 110, 85)
-    result = _run("calibrate", "distance", f"{near}@30in", f"{far}@5ft", *SHEET, "-o", output)
+    result = typed("calibrate", "distance", f"{near}@30in", f"{far}@5ft", *SHEET, "-o", output)
     assert result.returncode == 0
     assert [line.split("  ")[0] for line in result.stdout.splitlines()[:2]] == [str(near), f"{far} "[:-1]]
     assert "the camera file reads" in result.stdout
@@ -72,7 +68,7 @@ def test_several_pictures_are_listed_and_combined(near: Path, output: Path, tmp_
 def test_a_picture_whose_distance_is_mistyped_is_named_and_left_out(near: Path, output: Path, tmp_path: Path) -> None:
     far = _picture(tmp_path / "far.png", 110, 85)
     again = _picture(near.with_name("again.png"), 220, 170)
-    result = _run("calibrate", "distance", f"{near}@30in", f"{again}@30in", f"{far}@4.5ft", *SHEET, "-o", output)
+    result = typed("calibrate", "distance", f"{near}@30in", f"{again}@30in", f"{far}@4.5ft", *SHEET, "-o", output)
     assert f"{far} contradicts the others and is left out: by them its distance is another by +1" in result.stderr
     assert result.returncode == 1
     assert load_camera_model(output).fx_px == pytest.approx(600, rel=0.003)
@@ -80,7 +76,7 @@ def test_a_picture_whose_distance_is_mistyped_is_named_and_left_out(near: Path, 
 
 def test_two_pictures_that_contradict_each_other_write_nothing(near: Path, output: Path, tmp_path: Path) -> None:
     far = _picture(tmp_path / "far.png", 110, 85)
-    result = _run("calibrate", "distance", f"{near}@30in", f"{far}@4.5ft", *SHEET, "-o", output)
+    result = typed("calibrate", "distance", f"{near}@30in", f"{far}@4.5ft", *SHEET, "-o", output)
     assert f"{near} and {far} contradict each other" in result.stderr
     assert result.returncode == 2
     assert not output.exists()
@@ -113,7 +109,7 @@ def test_pictures_in_proportion_to_light_are_calibrated_through_the_linear_tone_
     picture = _tag_in_proportion_to_light(tmp_path / "raw.png", 60.5)
     errors = {}
     for curve in ("srgb", "linear"):
-        result = _run("calibrate", "distance", f"{picture}@1m", *TAG, "-o", output, "--tone-curve", curve)
+        result = typed("calibrate", "distance", f"{picture}@1m", *TAG, "-o", output, "--tone-curve", curve)
         assert result.returncode == 0, result
         model = load_camera_model(output)
         assert model.tone_curve == curve
@@ -124,14 +120,14 @@ def test_pictures_in_proportion_to_light_are_calibrated_through_the_linear_tone_
 
 def test_a_file_that_is_there_is_replaced_and_that_is_said(near: Path, output: Path) -> None:
     output.write_text("old", encoding="utf-8")
-    result = _run("calibrate", "distance", f"{near}@30in", *SHEET, "-o", output)
+    result = typed("calibrate", "distance", f"{near}@30in", *SHEET, "-o", output)
     assert result.stdout.splitlines()[-1] == f"replaced {output}"
     assert load_camera_model(output).fx_px == pytest.approx(600, rel=0.003)
 
 
 def test_a_target_far_from_the_middle_is_noted(output: Path, tmp_path: Path) -> None:
     aside = _picture(tmp_path / "aside.png", 110, 85, (560, 60))
-    result = _run("calibrate", "distance", f"{aside}@5ft", *SHEET, "-o", output)
+    result = typed("calibrate", "distance", f"{aside}@5ft", *SHEET, "-o", output)
     assert result.returncode == 0
     assert "the target is 27° from the middle of the picture" in result.stderr
     assert load_camera_model(output).focal_relative_sigma > 0.04
@@ -139,7 +135,7 @@ def test_a_target_far_from_the_middle_is_noted(output: Path, tmp_path: Path) -> 
 
 def test_a_picture_without_the_target_is_left_out_and_exits_1(near: Path, output: Path, tmp_path: Path) -> None:
     wall = _picture(tmp_path / "wall.png", 1, 1)
-    result = _run("calibrate", "distance", f"{near}@30in", f"{wall}@30in", *SHEET, "-o", output)
+    result = typed("calibrate", "distance", f"{near}@30in", f"{wall}@30in", *SHEET, "-o", output)
     assert result.returncode == 1
     assert result.stderr.startswith(f"left out: {wall}: ")
     assert load_camera_model(output).fx_px == pytest.approx(600, rel=0.003)
@@ -147,7 +143,7 @@ def test_a_picture_without_the_target_is_left_out_and_exits_1(near: Path, output
 
 def test_no_picture_with_the_target_writes_nothing(output: Path, tmp_path: Path) -> None:
     wall = _picture(tmp_path / "wall.png", 1, 1)
-    result = _run("calibrate", "distance", f"{wall}@30in", *SHEET, "-o", output)
+    result = typed("calibrate", "distance", f"{wall}@30in", *SHEET, "-o", output)
     assert result.returncode == 1
     assert "nothing was written" in result.stderr
     assert not output.exists()
@@ -163,7 +159,7 @@ def test_no_picture_with_the_target_writes_nothing(output: Path, tmp_path: Path)
     ],
 )
 def test_a_bad_distance_is_one_line_and_exit_2(near: Path, output: Path, distance: str, said: str) -> None:
-    result = _run("calibrate", "distance", f"{near}{distance}", *SHEET, "-o", output)
+    result = typed("calibrate", "distance", f"{near}{distance}", *SHEET, "-o", output)
     assert result.returncode == 2
     (line,) = result.stderr.splitlines()
     assert said in line
@@ -171,14 +167,14 @@ def test_a_bad_distance_is_one_line_and_exit_2(near: Path, output: Path, distanc
 
 
 def test_a_picture_that_cannot_be_read_exits_2_and_writes_nothing(near: Path, output: Path, tmp_path: Path) -> None:
-    result = _run("calibrate", "distance", f"{near}@30in", f"{tmp_path / 'missing.png'}@30in", *SHEET, "-o", output)
+    result = typed("calibrate", "distance", f"{near}@30in", f"{tmp_path / 'missing.png'}@30in", *SHEET, "-o", output)
     assert result.returncode == 2
     assert "there is no such file" in result.stderr
     assert not output.exists()
 
 
 def test_a_place_that_cannot_be_written_exits_2(near: Path, tmp_path: Path) -> None:
-    result = _run("calibrate", "distance", f"{near}@30in", *SHEET, "-o", tmp_path / "missing" / "camera.toml")
+    result = typed("calibrate", "distance", f"{near}@30in", *SHEET, "-o", tmp_path / "missing" / "camera.toml")
     assert result.returncode == 2
     assert "the camera file cannot be written: no such file or directory" in result.stderr
 
@@ -186,9 +182,9 @@ def test_a_place_that_cannot_be_written_exits_2(near: Path, tmp_path: Path) -> N
 @pytest.mark.long
 def test_the_real_sheet_from_calibration_to_measurement(real_pictures: Path, output: Path) -> None:
     folder = real_pictures / "seed_sheet"
-    assert _run("calibrate", "distance", f"{folder / '2ft.png'}@24in", *SHEET, "-o", output).returncode == 0
+    assert typed("calibrate", "distance", f"{folder / '2ft.png'}@24in", *SHEET, "-o", output).returncode == 0
     pictures = [folder / "3ft.png", folder / "4ft.png", *sorted((folder / "original").glob("*.jpg"))]
-    result = _run("measure", *pictures, "--camera", output, *SHEET, "--json")
+    result = typed("measure", *pictures, "--camera", output, *SHEET, "--json")
     assert result.returncode == 0
     for record in map(json.loads, result.stdout.splitlines()):
         assert record["distance_m"] / 0.3048 == pytest.approx(int(Path(record["file"]).name[0]), rel=0.06)
@@ -210,7 +206,7 @@ def _turned_sheet(path: Path, tilt_rad: float, depth_m: float) -> Path:
 
 def test_a_picture_that_measure_would_refuse_makes_no_camera_file(output: Path, tmp_path: Path) -> None:
     turned = _turned_sheet(tmp_path / "turned.png", 0.9, 0.4)
-    right, wrong = (_run("calibrate", "distance", f"{turned}@{at}", *SHEET, "-o", output) for at in ("40cm", "90cm"))
+    right, wrong = (typed("calibrate", "distance", f"{turned}@{at}", *SHEET, "-o", output) for at in ("40cm", "90cm"))
     assert right.returncode == 0, right
     assert wrong.returncode == 1
     assert f"left out: {turned}: through the camera file it is not found: " in wrong.stderr

@@ -32,10 +32,6 @@ on_floor = true
 """
 
 
-def run(*arguments: object) -> Typed:
-    return typed(*arguments)
-
-
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     save_camera_model(tmp_path / "camera.toml", CAMERA)
@@ -45,7 +41,7 @@ def folder(tmp_path: Path) -> Path:
 
 def calibrate(folder: Path, *pictures: str) -> Typed:
     paths = [folder / name for name in pictures]
-    return run("calibrate", "floor", *paths, "--camera", folder / "camera.toml", *TAG)
+    return typed("calibrate", "floor", *paths, "--camera", folder / "camera.toml", *TAG)
 
 
 def test_a_tag_on_the_floor_gives_the_lines_for_the_camera(folder: Path) -> None:
@@ -69,13 +65,13 @@ def test_a_ball_on_that_floor_is_measured_by_size_and_floor_and_explained(folder
     cv2.imwrite(str(folder / "ball.png"), made.image)
     (folder / "run.toml").write_text(CONFIGURATION.format(lines=lines, diameter="12 cm", hsv=ball.hsv))
     found = json.loads(
-        run("measure", folder / "ball.png", "--config", folder / "run.toml", "--json", "--explain").stdout
+        typed("measure", folder / "ball.png", "--config", folder / "run.toml", "--json", "--explain").stdout
     )
     assert found["distance_m"] == pytest.approx(made.truth.distance_m, rel=0.02)
     assert found["floor_distance_m"] == pytest.approx(made.truth.distance_m, rel=0.05)
     assert found["floor_apart_sigmas"] < 3
     assert found["reason"] == ""
-    words = run("measure", folder / "ball.png", "--config", folder / "run.toml", "--explain").stdout
+    words = typed("measure", folder / "ball.png", "--config", folder / "run.toml", "--explain").stdout
     assert re.search(r"floor +1\.\d+ m ± [\d.]+ by the floor, [\d.]+ m ± [\d.]+ by its size, [\d.]+ σ apart", words)
 
 
@@ -88,6 +84,6 @@ def test_a_picture_without_the_tag_and_what_tells_nothing_of_the_floor_are_said(
     none = calibrate(folder, "wall.png")
     assert none.returncode == 1
     assert "[camera]" not in none.stdout
-    ball = run("calibrate", "floor", folder / "tag.png", "--camera", folder / "camera.toml", "--ball", "67 mm")
+    ball = typed("calibrate", "floor", folder / "tag.png", "--camera", folder / "camera.toml", "--ball", "67 mm")
     assert ball.returncode == 2
     assert "lay a tag or a sheet on it" in ball.stderr

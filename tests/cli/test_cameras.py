@@ -10,15 +10,11 @@ import numpy as np
 import pytest
 
 from stadimeter.core.frame import Image
-from support.command_line import Typed, typed
+from support.command_line import typed
 from support.v4l2_double import V4l2Double
 from support.v4l2_kernel import Kernel, Node
 
 pytestmark = pytest.mark.vision
-
-
-def _run(*arguments: object) -> Typed:
-    return typed(*arguments)
 
 
 def _room() -> Image:
@@ -42,7 +38,7 @@ def device(kernel: Kernel, monkeypatch: pytest.MonkeyPatch) -> V4l2Double:
 
 
 def test_a_camera_is_listed_with_the_lines_to_paste_and_what_it_took(device: V4l2Double) -> None:
-    result = _run("cameras")
+    result = typed("cameras")
     assert result.returncode == 0
     assert result.stdout.splitlines() == [
         f"1  HD Webcam C615, now {device.node.resolve()}",
@@ -55,7 +51,7 @@ def test_a_camera_is_listed_with_the_lines_to_paste_and_what_it_took(device: V4l
 
 
 def test_cameras_are_listed_for_programs(device: V4l2Double) -> None:
-    (record,) = json.loads(_run("cameras", "--json").stdout)
+    (record,) = json.loads(typed("cameras", "--json").stdout)
     assert record["live"] == f"opencv,device={device.node}"
     assert (record["width_px"], record["trouble"], record["settings_not_taken"]) == (640, "", [])
     assert record["modes"][0] == {"fourcc": "MJPG", "width_px": 640, "height_px": 480, "rates_hz": [30.0, 15.0, 7.5]}
@@ -63,14 +59,14 @@ def test_cameras_are_listed_for_programs(device: V4l2Double) -> None:
 
 def test_a_camera_in_use_is_named_and_not_opened(kernel: Kernel) -> None:
     kernel.add("video0", Node(in_use=True))
-    result = _run("cameras")
+    result = typed("cameras")
     assert result.returncode == 1
     assert "cannot be used: another program is using it" in result.stdout
 
 
 def test_a_camera_that_does_not_open_is_said_and_the_next_one_is_looked_at(device: V4l2Double, kernel: Kernel) -> None:
     kernel.add("video2", Node(card="Broken"), by_id="usb-Broken-video-index0")
-    result = _run("cameras")
+    result = typed("cameras")
     assert result.returncode == 1
     assert "gives 640 × 480" in result.stdout
     _, broken = result.stdout.split("2  Broken")
@@ -78,14 +74,14 @@ def test_a_camera_that_does_not_open_is_said_and_the_next_one_is_looked_at(devic
 
 
 def test_without_trying_no_camera_is_opened(device: V4l2Double) -> None:
-    result = _run("cameras", "--no-try")
+    result = typed("cameras", "--no-try")
     assert result.returncode == 0
     assert device.set_to == {}
     assert "gives" not in result.stdout
 
 
 def test_where_no_camera_is_it_says_what_to_look_at(kernel: Kernel) -> None:
-    result = _run("cameras")
+    result = typed("cameras")
     assert result.returncode == 1
     assert "Is its cable plugged in, and does `ls /dev/video*` list it?" in result.stderr
 
@@ -93,7 +89,7 @@ def test_where_no_camera_is_it_says_what_to_look_at(kernel: Kernel) -> None:
 def test_a_snapshot_has_the_settings_of_the_configuration(device: V4l2Double, tmp_path: Path) -> None:
     config = tmp_path / "room.toml"
     config.write_text(f'[camera]\ndriver = "opencv"\ndevice = "{device.node}"\nexposure = "10 ms"\n')
-    result = _run("snapshot", config, "-o", tmp_path / "room.png")
+    result = typed("snapshot", config, "-o", tmp_path / "room.png")
     assert result.returncode == 0
     assert device.set_to[cv2.CAP_PROP_EXPOSURE] == 100
     assert device.set_to[cv2.CAP_PROP_AUTOFOCUS] == 0
@@ -105,7 +101,7 @@ def test_a_snapshot_has_the_settings_of_the_configuration(device: V4l2Double, tm
 def test_a_setting_that_was_not_taken_and_a_bad_picture_are_said(device: V4l2Double, tmp_path: Path) -> None:
     device.kept[cv2.CAP_PROP_AUTOFOCUS] = 1.0
     device.show(np.full((480, 640, 3), 4, np.uint8))
-    result = _run("snapshot", "--live", f"opencv,device={device.node}", "-o", tmp_path / "a.png")
+    result = typed("snapshot", "--live", f"opencv,device={device.node}", "-o", tmp_path / "a.png")
     assert result.returncode == 1
     notes = result.stderr.splitlines()
     assert notes[0] == "note: asked for a fixed focus, the camera keeps refocusing: distances will drift"
@@ -121,7 +117,7 @@ def test_a_setting_that_was_not_taken_and_a_bad_picture_are_said(device: V4l2Dou
     ],
 )
 def test_a_snapshot_that_cannot_be_taken_is_one_line(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
-    result = _run("snapshot", *arguments, "-o", tmp_path / "a.png")
+    result = typed("snapshot", *arguments, "-o", tmp_path / "a.png")
     assert result.returncode == 2
     (error,) = result.stderr.splitlines()
     assert words in error

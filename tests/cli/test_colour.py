@@ -19,10 +19,6 @@ pytestmark = pytest.mark.vision
 GREEN, ORANGE = (60, 170, 70), (30, 110, 230)
 
 
-def _run(*arguments: object) -> Typed:
-    return typed(*arguments)
-
-
 def _picture(path: Path, *balls: tuple[tuple[int, int], int, tuple[int, int, int]], light: float = 1.0) -> Path:
     image = np.full((480, 640, 3), (150, 155, 160), np.uint8)
     for centre, radius_px, bgr in balls:
@@ -46,24 +42,24 @@ def _range_in(output: str) -> str:
 def _measured(picture: Path, colour: str) -> Typed:
     camera = picture.parent / "camera.toml"
     save_camera_model(camera, CameraModel.with_focal_length(600.0, 640, 480))
-    return _run("measure", picture, "--camera", camera, "--ball", "6.4cm", "--hsv", colour)
+    return typed("measure", picture, "--camera", camera, "--ball", "6.4cm", "--hsv", colour)
 
 
 def test_a_ball_without_a_colour_is_advised_to_be_measured_without_a_range(tmp_path: Path) -> None:
     silver = _picture(tmp_path / "ball.png", ((300, 200), 40, (190, 190, 190)))
-    told = _run("colour", silver, "--annotate", tmp_path)
+    told = typed("colour", silver, "--annotate", tmp_path)
     assert told.returncode == 2
     assert "nothing in the picture stands out as a ball of one colour" in told.stderr
     assert "such as a silver or a white one, is measured by its edge: give none" in told.stderr
     camera = tmp_path / "camera.toml"
     save_camera_model(camera, CameraModel.with_focal_length(600.0, 640, 480))
-    assert _run("measure", silver, "--camera", camera, "--ball", "6.4cm").returncode == 0
+    assert typed("measure", silver, "--camera", camera, "--ball", "6.4cm").returncode == 0
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("at", [[], ["--at", "310,190"], ["--at", "290,210", "--at", "315,205"]])
 def test_a_ball_is_measured_with_the_range_that_is_proposed_for_it(green_ball: Path, at: list[str]) -> None:
-    told = _run("colour", green_ball, *at, "--annotate", green_ball.parent)
+    told = typed("colour", green_ball, *at, "--annotate", green_ball.parent)
     assert told.returncode == 0
     assert "a ball at 300,200, 81 px across" in told.stdout
     assert "no other thing has a hue near it" in told.stdout
@@ -72,7 +68,7 @@ def test_a_ball_is_measured_with_the_range_that_is_proposed_for_it(green_ball: P
 
 def test_of_two_balls_the_one_that_is_pointed_at_gives_the_range(tmp_path: Path) -> None:
     two = _picture(tmp_path / "two.png", ((150, 200), 40, GREEN), ((450, 240), 30, ORANGE))
-    told = _run("colour", two, "--at", "455,238", "--annotate", tmp_path)
+    told = typed("colour", two, "--at", "455,238", "--annotate", tmp_path)
     assert re.search(r"a ball at 450,240, 6[01] px across", told.stdout)
 
 
@@ -80,7 +76,7 @@ def test_of_two_balls_the_one_that_is_pointed_at_gives_the_range(tmp_path: Path)
 def test_two_lights_join_into_a_range_for_both(tmp_path: Path) -> None:
     noon = _picture(tmp_path / "noon.png", ((300, 200), 40, GREEN))
     dusk = _picture(tmp_path / "dusk.png", ((200, 260), 36, GREEN), light=0.35)
-    told = _run("colour", f"{noon}@300,200", f"{dusk}@200,260", "--annotate", tmp_path)
+    told = typed("colour", f"{noon}@300,200", f"{dusk}@200,260", "--annotate", tmp_path)
     assert told.returncode == 0
     for picture in (noon, dusk):
         assert _measured(picture, _range_in(told.stdout)).returncode == 0
@@ -89,13 +85,13 @@ def test_two_lights_join_into_a_range_for_both(tmp_path: Path) -> None:
 
 
 def test_a_picture_without_anything_of_a_colour_asks_for_a_place(tmp_path: Path) -> None:
-    told = _run("colour", _picture(tmp_path / "grey.png"), "--annotate", tmp_path)
+    told = typed("colour", _picture(tmp_path / "grey.png"), "--annotate", tmp_path)
     assert told.returncode == 2
     assert "point at it with --at X,Y" in told.stderr
 
 
 def test_pointing_at_the_background_says_so(green_ball: Path) -> None:
-    told = _run("colour", green_ball, "--at", "600,20", "--annotate", green_ball.parent)
+    told = typed("colour", green_ball, "--at", "600,20", "--annotate", green_ball.parent)
     assert told.returncode == 2
     assert "it is background; point at the middle of the ball" in told.stderr
 
@@ -109,13 +105,13 @@ def test_pointing_at_the_background_says_so(green_ball: Path) -> None:
     ],
 )
 def test_a_place_that_is_none_is_refused(green_ball: Path, arguments: list[str], words: str) -> None:
-    told = _run("colour", green_ball, *arguments)
+    told = typed("colour", green_ball, *arguments)
     assert told.returncode == 2
     assert words in told.stderr
 
 
 def test_a_camera_gives_the_picture_too(tmp_path: Path, green_ball: Path) -> None:
-    told = _run("colour", "--live", f"images,paths=['{green_ball}']", "--annotate", tmp_path)
+    told = typed("colour", "--live", f"images,paths=['{green_ball}']", "--annotate", tmp_path)
     assert told.returncode == 0, told.stderr
     assert (tmp_path / "live-colour.png").is_file()
 
@@ -130,7 +126,7 @@ def test_measure_proposes_a_range_where_no_pixel_has_the_colour(green_ball: Path
 
 
 def test_as_json_it_is_one_object_with_the_range_and_what_each_picture_shows(green_ball: Path) -> None:
-    result = _run("colour", green_ball, "--annotate", green_ball.parent, "--json")
+    result = typed("colour", green_ball, "--annotate", green_ball.parent, "--json")
     assert result.returncode == 0
     said = json.loads(result.stdout)
     (picture,) = said["pictures"]

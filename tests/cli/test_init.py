@@ -49,11 +49,7 @@ def _picture(path: Path, kind: str, at_m: float) -> None:
 def _init(folder: Path, **answers: str) -> Typed:
     file = folder / "given.toml"
     file.write_text("".join(f"{key} = '''{answer}'''\n" for key, answer in answers.items()), encoding="utf-8")
-    return _run("init", folder, "--answers", file)
-
-
-def _run(*arguments: object) -> Typed:
-    return typed(*arguments)
+    return typed("init", folder, "--answers", file)
 
 
 def _distances(output: str) -> list[float]:
@@ -70,9 +66,9 @@ def test_one_command_leads_to_a_measured_target_and_a_rule_that_acts(tmp_path: P
     assert told.returncode == 0, told
     assert "2 tests: 2 passed" in told.stdout
     assert len(tomllib.loads((tmp_path / "init-answers.toml").read_text())) <= 12
-    measured = _run("measure", tmp_path / "2m.png", "--config", tmp_path / "stadimeter.toml")
+    measured = typed("measure", tmp_path / "2m.png", "--config", tmp_path / "stadimeter.toml")
     assert _distances(measured.stdout)[0] == pytest.approx(2.0, rel=0.01)
-    ran = _run(
+    ran = typed(
         "run", tmp_path / "stadimeter.toml", "--no-state", "--speed", "0", "--seconds", "20"
     )  # they go on for ever
     assert "near raised" in ran.stdout, "the first pictures show it at 0.8 m"
@@ -109,7 +105,7 @@ def test_a_wrong_answer_is_named_with_its_question(tmp_path: Path, answers: dict
 
 
 def test_without_a_terminal_and_answers_it_says_how_to_give_them(tmp_path: Path) -> None:
-    told = _run("init", tmp_path / "new")
+    told = typed("init", tmp_path / "new")
     assert told.returncode == 2
     assert "--answers FILE" in told.stderr
     assert not (tmp_path / "new").exists()
@@ -117,12 +113,12 @@ def test_without_a_terminal_and_answers_it_says_how_to_give_them(tmp_path: Path)
 
 @pytest.mark.parametrize("name", ["follow-ball", "demo"])
 def test_an_example_is_written_without_a_checkout(tmp_path: Path, name: str) -> None:
-    assert _run("init", tmp_path, "--example", name).returncode == 0
+    assert typed("init", tmp_path, "--example", name).returncode == 0
     assert load_configuration(tmp_path / f"{name}.toml").plan.rules
 
 
 def test_an_example_that_is_not_there_is_refused_with_those_that_are(tmp_path: Path) -> None:
-    told = _run("init", tmp_path, "--example", "folow-ball")
+    told = typed("init", tmp_path, "--example", "folow-ball")
     assert told.returncode == 2
     assert "only appliance, demo, distance-alert, follow-ball" in told.stderr
 
@@ -133,7 +129,7 @@ def test_the_answers_that_the_guide_shows_lead_to_a_configuration(tmp_path: Path
         _picture(tmp_path / f"{name}.png", "ball", at_m)
     (shown,) = re.findall(r"<!-- answers -->\n```toml\n(.*?)```", GUIDE.read_text(), re.DOTALL)
     (tmp_path / "answers.toml").write_text(shown)
-    told = _run("init", tmp_path, "--answers", tmp_path / "answers.toml")
+    told = typed("init", tmp_path, "--answers", tmp_path / "answers.toml")
     assert told.returncode == 0, told
     assert (tmp_path / "init" / "wiring.svg").exists()
 
@@ -148,7 +144,7 @@ def test_the_guide_names_every_key_of_an_answer() -> None:
 def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "taken").touch()
     (tmp_path / "answers.toml").write_text('camera = "ball.png"\n')
-    told = _run("init", tmp_path / "taken", "--answers", tmp_path / "answers.toml")
+    told = typed("init", tmp_path / "taken", "--answers", tmp_path / "answers.toml")
     assert told.returncode == 2
     assert told.stderr.count("\n") == 1
     assert "the folder cannot be made" in told.stderr

@@ -35,22 +35,18 @@ BALL_M = 0.2
 NEAR, BESIDE, FAR = (-0.4, 0.0, 1.5), (0.4, 0.05, 1.7), (0.05, 0.0, 2.5)
 
 
-def run(*arguments: object) -> Typed:
-    return typed(*arguments)
-
-
 def init(folder: Path, **answers: str) -> Typed:
     save_camera_model(folder / "camera.toml", LENS)
     save_answers(folder / "given.toml", {"camera": "*.png", "calibration": "camera.toml", **answers})
-    return run("init", folder, "--answers", folder / "given.toml")
+    return typed("init", folder, "--answers", folder / "given.toml")
 
 
 def works(folder: Path, told: Typed) -> Configuration:
     """Return the configuration that was written: `check` finds nothing in it, and `run` runs it."""
     assert told.returncode == 0, told
-    checked = run("check", "--strict", folder / "stadimeter.toml")
+    checked = typed("check", "--strict", folder / "stadimeter.toml")
     assert (checked.returncode, "warning:" in checked.stdout + checked.stderr) == (0, False), checked
-    ran = run("run", folder / "stadimeter.toml", "--no-state", "--speed", "0", "--seconds", "1")
+    ran = typed("run", folder / "stadimeter.toml", "--no-state", "--speed", "0", "--seconds", "1")
     assert ran.returncode == 0, ran
     return load_configuration(folder / "stadimeter.toml")
 
@@ -62,7 +58,7 @@ def balls(*places: tuple[float, float, float]) -> Image:
 
 
 def measured(folder: Path, picture: str) -> dict[str, float | None]:
-    told = run("measure", folder / picture, "--config", folder / "stadimeter.toml", "--json")
+    told = typed("measure", folder / picture, "--config", folder / "stadimeter.toml", "--json")
     results = [json.loads(line) for line in told.stdout.splitlines()]
     return {each["target"]: each["distance_m"] for each in results}
 
@@ -99,11 +95,11 @@ def test_several_balls_are_set_up_counted_and_measured_each_by_its_name(tmp_path
     assert list(distances) == ["balls-1", "balls-2", "balls-3"], "the largest first, and none for what is not there"
     truths_m = [float(np.hypot.reduce(place)) for place in (NEAR, BESIDE, FAR)]
     assert [*distances.values()] == pytest.approx(truths_m, rel=0.02)
-    between = run(
+    between = typed(
         "measure", tmp_path / "three.png", "--config", tmp_path / "stadimeter.toml", "--between", "balls-1,balls-3"
     )
     assert "balls-1" in between.stdout.splitlines()[-1]
-    ran = run("run", tmp_path / "stadimeter.toml", "--no-state", "--speed", "0", "--seconds", "3")
+    ran = typed("run", tmp_path / "stadimeter.toml", "--no-state", "--speed", "0", "--seconds", "3")
     assert "crowd raised" in ran.stdout
 
 

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from stadimeter.config.camera_file import load_stereo_rig, save_stereo_rig
 from stadimeter.core.stereo_rig import UNKNOWNS, StereoRig, with_uncertainties
-from support.command_line import Typed, typed
+from support.command_line import typed
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.plane import Pose, TagTarget
@@ -29,10 +29,6 @@ TAG = ("--tag", "10cm", "--family", "36h11")
 POSE = Pose(position_m=(0.15, 0.05, 1.2), tilt_rad=0.3, tilt_towards_rad=1.0)
 AWAY_M = math.hypot(*POSE.position_m)
 WALL = PlainBackdrop(bgr=(90, 84, 80))
-
-
-def _run(*arguments: object) -> Typed:
-    return typed(*arguments)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +73,7 @@ def output(tmp_path: Path) -> Path:
 
 
 def test_the_stereo_file_is_written_and_told(true: StereoRig, boards: Path, output: Path) -> None:
-    result = _run("calibrate", "stereo", *pictures_of(boards), *BOARD, "-o", output)
+    result = typed("calibrate", "stereo", *pictures_of(boards), *BOARD, "-o", output)
     assert result.returncode == 0, result
     lines = result.stdout.splitlines()
     assert all(line.startswith(f"pair {number}") for number, line in enumerate(lines[:7], 1))
@@ -102,7 +98,7 @@ def test_a_board_in_only_one_picture_of_a_pair_leaves_it_out(boards: Path, outpu
     (boards / "right" / "7.png").write_bytes(wall.read_bytes())
     (boards / "left" / "7.png").write_bytes(pictures[0].read_bytes())
     try:
-        result = _run("calibrate", "stereo", *pictures_of(boards), *BOARD, "-o", output)
+        result = typed("calibrate", "stereo", *pictures_of(boards), *BOARD, "-o", output)
     finally:
         (boards / "right" / "7.png").unlink()
         (boards / "left" / "7.png").unlink()
@@ -113,7 +109,7 @@ def test_a_board_in_only_one_picture_of_a_pair_leaves_it_out(boards: Path, outpu
 
 def test_swapped_cameras_write_nothing(boards: Path, output: Path) -> None:
     swapped = pictures_of(boards)
-    result = _run("calibrate", "stereo", *swapped[7:], *swapped[:7], *BOARD, "-o", output)
+    result = typed("calibrate", "stereo", *swapped[7:], *swapped[:7], *BOARD, "-o", output)
     assert result.returncode == 2
     assert "left and right are swapped" in result.stderr
     assert not output.exists()
@@ -130,7 +126,7 @@ def test_swapped_cameras_write_nothing(boards: Path, output: Path) -> None:
 def test_what_is_wrong_with_the_pictures_is_said(
     boards: Path, output: Path, change: Callable[[list[Path]], list[Path]], said: str
 ) -> None:
-    result = _run("calibrate", "stereo", *change(pictures_of(boards)), *BOARD, "-o", output)
+    result = typed("calibrate", "stereo", *change(pictures_of(boards)), *BOARD, "-o", output)
     assert result.returncode == 2
     assert said in result.stderr
     assert not output.exists()
@@ -167,7 +163,7 @@ def ball(size: float = 1.0) -> BallTarget:
 
 def test_a_ball_is_measured_by_both_cameras(shoot: Shot, stereo: tuple[str, str]) -> None:
     left, right = shoot(ball())
-    result = _run("measure", left, right, *stereo, *BALL, "--json")
+    result = typed("measure", left, right, *stereo, *BALL, "--json")
     assert result.returncode == 0, result
     record = json.loads(result.stdout)
     assert (record["file"], record["right_file"]) == (str(left), str(right))
@@ -180,7 +176,7 @@ def test_a_ball_is_measured_by_both_cameras(shoot: Shot, stereo: tuple[str, str]
 
 
 def test_a_ball_that_is_larger_than_stated_is_said(shoot: Shot, stereo: tuple[str, str]) -> None:
-    result = _run("measure", *shoot(ball(1.06)), *stereo, *BALL)
+    result = typed("measure", *shoot(ball(1.06)), *stereo, *BALL)
     assert result.returncode == 0
     assert "σ apart: it is 6." in result.stderr or "σ apart: it is 5." in result.stderr
     assert "% larger than stated, or the cameras have moved against each other" in result.stderr
@@ -188,7 +184,7 @@ def test_a_ball_that_is_larger_than_stated_is_said(shoot: Shot, stereo: tuple[st
 
 def test_explain_says_what_both_and_each_of_them_see(shoot: Shot, stereo: tuple[str, str], tmp_path: Path) -> None:
     copies = tmp_path / "copies"
-    result = _run("measure", *shoot(ball()), *stereo, *BALL, "--explain", "--annotate", copies)
+    result = typed("measure", *shoot(ball()), *stereo, *BALL, "--explain", "--annotate", copies)
     labels = [line.split()[0] for line in result.stdout.splitlines()[1:]]
     assert labels[:3] == ["seen", "together", "by"]
     assert "without its size; the lines of sight miss each other by 0." in result.stdout
@@ -201,7 +197,7 @@ def test_a_target_in_only_one_picture_has_no_distance_and_what_one_camera_says(
 ) -> None:
     left, right = shoot(TagTarget(pose=POSE, side_m=0.1, number=7))
     cv2.imwrite(str(right), np.full((480, 640, 3), 90, np.uint8))
-    result = _run("measure", left, right, *stereo, *TAG, "--json")
+    result = typed("measure", left, right, *stereo, *TAG, "--json")
     assert result.returncode == 1
     record = json.loads(result.stdout)
     assert (record["status"], record["id"], record["triangulated_m"]) == ("not_found", 7, None)
@@ -210,7 +206,7 @@ def test_a_target_in_only_one_picture_has_no_distance_and_what_one_camera_says(
 
 def test_swapped_pictures_are_said(shoot: Shot, stereo: tuple[str, str]) -> None:
     left, right = shoot(ball())
-    result = _run("measure", right, left, *stereo, *BALL)
+    result = typed("measure", right, left, *stereo, *BALL)
     assert result.returncode == 2
     assert "are the left and the right picture swapped?" in result.stderr
 
@@ -218,7 +214,7 @@ def test_swapped_pictures_are_said(shoot: Shot, stereo: tuple[str, str]) -> None
 def test_cameras_that_have_moved_are_said(shoot: Shot, true: StereoRig, tmp_path: Path) -> None:
     moved = replace(true, turn_rad=(true.turn_rad[0] + 0.01, *true.turn_rad[1:]))
     save_stereo_rig(tmp_path / "moved.toml", moved)
-    result = _run("measure", *shoot(ball()), "--stereo", tmp_path / "moved.toml", *BALL)
+    result = typed("measure", *shoot(ball()), "--stereo", tmp_path / "moved.toml", *BALL)
     assert result.returncode == 2
     assert "the stereo file is of other cameras, or they have moved" in result.stderr
 
@@ -234,6 +230,6 @@ def test_cameras_that_have_moved_are_said(shoot: Shot, true: StereoRig, tmp_path
 def test_what_does_not_go_with_two_cameras_is_said(
     stereo: tuple[str, str], arguments: tuple[str, ...], said: str
 ) -> None:
-    result = _run("measure", *arguments, *stereo, *BALL)
+    result = typed("measure", *arguments, *stereo, *BALL)
     assert result.returncode == 2
     assert said in result.stderr
