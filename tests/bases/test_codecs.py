@@ -1,4 +1,4 @@
-"""Every codec against the wire vectors of its protocol, and against noise."""
+"""From motions to wheels, and every codec against the wire vectors of its protocol and against noise."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from stadimeter.bases.ascii_base import AsciiBaseOptions, AsciiCodec
-from stadimeter.bases.differential_drive import WheelSpeeds
+from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelSpeeds
 from stadimeter.bases.hoverboard import HoverboardCodec
 from stadimeter.bases.roomba_base import RoombaCodec
 from stadimeter.bases.ros_arduino_base import FRAME_S, RosArduinoCodec
@@ -18,6 +18,8 @@ from stadimeter.bases.serial_codec import BaseMessage, SerialCodec
 from stadimeter.bases.waveshare_ugv import WaveshareUgvCodec
 from support.base_vectors import vectors, wire
 from support.each_case import each_case
+
+# Every codec against the wire vectors of its protocol, and against noise.
 
 
 def wheels(left_mps: float, right_mps: float) -> WheelSpeeds:
@@ -169,3 +171,39 @@ def test_frames_back_to_back_are_all_heard(protocol: str) -> None:
         stream += wire(protocol, name)
         expected += HEARD[protocol, name]
     assert CODECS[protocol]().feed(stream) == expected
+
+
+DRIVE = DifferentialDrive(track_width_m=0.16, max_wheel_mps=0.5)
+speeds = st.floats(-5, 5)
+
+
+def motion(linear_mps: float, angular_radps: float) -> Motion:
+    return Motion(linear_mps=linear_mps, angular_radps=angular_radps)
+
+
+def test_straight_ahead_turns_both_wheels_alike() -> None:
+    assert DRIVE.wheels(motion(0.2, 0.0)) == WheelSpeeds(left_mps=0.2, right_mps=0.2)
+
+
+def test_a_turn_to_the_left_runs_the_right_wheel_forwards_and_the_left_one_backwards() -> None:
+    assert DRIVE.wheels(motion(0.0, 1.0)) == WheelSpeeds(left_mps=-0.08, right_mps=0.08)
+
+
+@given(speeds, speeds)
+def test_no_wheel_is_ever_faster_than_its_limit(linear_mps: float, angular_radps: float) -> None:
+    wheels = DRIVE.wheels(motion(linear_mps, angular_radps))
+    assert max(abs(wheels.left_mps), abs(wheels.right_mps)) <= DRIVE.max_wheel_mps * (1 + 1e-9)
+
+
+@given(speeds, speeds)
+def test_a_motion_within_the_limit_is_kept(linear_mps: float, angular_radps: float) -> None:
+    assume(abs(linear_mps) + abs(angular_radps) * 0.08 < 0.5)
+    kept = DRIVE.motion(DRIVE.wheels(motion(linear_mps, angular_radps)))
+    assert (kept.linear_mps, kept.angular_radps) == pytest.approx((linear_mps, angular_radps), abs=1e-9)
+
+
+@given(st.floats(0.6, 5), st.floats(-20, 20))
+def test_a_motion_over_the_limit_keeps_its_curve(linear_mps: float, angular_radps: float) -> None:
+    kept = DRIVE.motion(DRIVE.wheels(motion(linear_mps, angular_radps)))
+    wanted = math.atan2(angular_radps * 0.08, linear_mps)
+    assert math.atan2(kept.angular_radps * 0.08, kept.linear_mps) == pytest.approx(wanted, abs=1e-6)

@@ -1,18 +1,37 @@
-"""What ends a command: a good end, a line on standard error, or a defect."""
+"""What every command does with its streams, its configuration and its end."""
 
+from __future__ import annotations
+
+import codecs
 import errno
 import os
+import shutil
+import subprocess
 import sys
 import threading
-from types import SimpleNamespace
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import IO
 
 import cv2
 import numpy as np
 import pytest
 import typer
+from rich.console import Console
+from typer.testing import CliRunner
 
+from stadimeter.app.bootstrap import demo_configuration
+from stadimeter.cli import exits
+from stadimeter.cli.check import print_problems
 from stadimeter.cli.exits import DONE, WRONG, plain_errors
+from stadimeter.cli.main import PLAIN, PLAIN_ERRORS, app, plain
 from stadimeter.cli.run import _telling_of_threads
+from stadimeter.config.findings import Finding, problems
+from stadimeter.config.toml_lines import key_spans
+
+# What ends a command: a good end, a line on standard error, or a defect.
 
 
 def end_of(error):
@@ -92,3 +111,264 @@ def test_a_thread_that_ends_by_an_error_during_a_run_is_reported(error):
         thread.join()
     assert said == [f"warning: the thread 'mqtt' has ended: {type(error).__name__}: {error}"]
     assert threading.excepthook is before
+
+
+# Standard streams that are closed, or go to a disk that is full, cost a line and never a traceback.
+
+START = f'exec "{sys.executable}" -m stadimeter'
+
+
+def run(command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["sh", "-c", f"{START} {command}"], capture_output=True, text=True, check=False, timeout=120)
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&- 2>&-"])
+def test_a_stream_that_is_closed_is_as_one_to_nowhere(closed: str) -> None:
+    done = run(f"--version {closed}")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("stadimeter ") == (">&-" not in closed)
+
+
+def test_questions_without_a_standard_input_are_refused_as_those_without_a_terminal() -> None:
+    done = run("init x.toml <&-")
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: init asks questions, and there is no terminal here")
+
+
+def test_what_is_typed_and_is_no_text_is_refused_in_a_line(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "stadimeter", "web", str(tmp_path / "r.toml"), "--set-password"]
+    env = {**os.environ, "PYTHONIOENCODING": "utf-8:strict"}  # as with the languages of most people
+    done = subprocess.run(command, input=b"b\xe4d\n" * 2, capture_output=True, check=False, timeout=120, env=env)
+    assert done.returncode == 2
+    assert done.stderr.decode().splitlines()[-1] == "error: a password has 8 to 500 characters"
+
+
+@pytest.mark.parametrize("command", ["--version", "help", "check none.toml --json"])
+def test_a_disk_that_is_full_is_said_in_a_line(command: str) -> None:
+    done = run(f"{command} >/dev/full")
+    assert done.returncode == 2
+    assert done.stderr == "error: what is printed cannot be written: no space left on device\n"
+    assert run(f"{command} >/dev/full 2>&1").returncode == 2
+
+
+def test_what_is_opened_first_does_not_become_standard_output() -> None:
+    code = (
+        "from stadimeter.__main__ import open_standard_streams as o; o(); import os; os._exit(os.open('/dev/null', 0))"
+    )
+    done = subprocess.run(["sh", "-c", f'exec "{sys.executable}" -c "{code}" <&- >&- 2>&-'], check=False)
+    assert done.returncode > 2
+
+
+# What an encoding lacks is written in characters that it has, by one table.
+
+
+def test_what_ascii_lacks_is_written_plainly() -> None:
+    for words, written in [
+        ("2.43 m ± 0.04 at 3°, σ ≤ 1 …", "2.43 m +- 0.04 at 3 deg, sigma <= 1 ..."),
+        ("−3 µs → “x” ┏─┓│", '-3 us -> "x" +-+|'),
+        ("日本", "\\u65e5\\u672c"),
+        ("café.png caf\udce9.png", "caf\\xe9.png caf\\udce9.png"),
+    ]:
+        assert words.encode("ascii", PLAIN_ERRORS).decode("ascii") == written
+
+
+def test_what_an_encoding_has_stays_as_it_is() -> None:
+    assert "± → é".encode("latin-1", PLAIN_ERRORS) == "± -> é".encode("latin-1")
+
+
+def test_every_stand_in_is_ascii() -> None:
+    assert all(word.isascii() for word in PLAIN.values())
+    assert plain("a") == "a"
+
+
+def test_what_cannot_be_read_stays_an_error() -> None:
+    with pytest.raises(UnicodeDecodeError):
+        codecs.decode(b"\xff", "ascii", PLAIN_ERRORS)
+
+
+@pytest.mark.long
+def test_commands_print_no_more_than_ascii_where_there_is_no_more(tmp_path: Path, pytestconfig: pytest.Config) -> None:
+    def written(*command: str) -> str:
+        done = subprocess.run(
+            [sys.executable, "-m", "stadimeter", *command],
+            capture_output=True,
+            env={"PYTHONIOENCODING": "ascii", "LANG": "C", "STADIMETER_PROGRESS": "off"},
+            check=True,
+            cwd=tmp_path,
+        )
+        assert done.stderr == b""
+        return done.stdout.decode("ascii")
+
+    shown = {
+        "help": written("measure", "--help"),
+        "check": written("check", str(pytestconfig.rootpath / "config" / "demo.toml")),
+        "demo": written("demo", "--seconds=2", "--speed=0", "--journal=run.jsonl"),
+        "replay": written("replay", "run.jsonl"),
+        "explain": written("explain", "near", "--journal=run.jsonl"),
+    }
+    assert [name for name, words in shown.items() if "\\u" in words or "\\x" in words] == []
+    assert "56 deg wide" in shown["check"]
+    assert " m +- 0." in shown["demo"]
+    assert " m +- 0." in shown["explain"]
+
+
+# Long work says that it goes on: a moving line in a terminal, lines elsewhere, nothing for what is done at once.
+
+
+@pytest.fixture
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exits, "FIRST_AFTER_S", 0.0)
+    monkeypatch.delenv(exits.SWITCH)
+
+
+@pytest.fixture
+def ends() -> Iterator[list[int]]:
+    kept: list[int] = []
+    yield kept
+    for each in kept:
+        os.close(each)
+
+
+def shown_while_working(monkeypatch: pytest.MonkeyPatch, reading: int, writing: IO[str]) -> str:
+    """Return what comes first at the other end of standard error."""
+    monkeypatch.setattr(sys, "stderr", writing)
+    with exits.working("counting sheep"):
+        return os.read(reading, 4096).decode() + (os.read(reading, 4096).decode() if writing.isatty() else "")
+
+
+@pytest.mark.usefixtures("at_once")
+def test_in_a_pipe_a_line_says_what_is_done(monkeypatch: pytest.MonkeyPatch, ends: list[int]) -> None:
+    reading, writing = os.pipe()
+    ends.append(reading)
+    with os.fdopen(writing, "w", buffering=1) as stream:
+        assert shown_while_working(monkeypatch, reading, stream) == "counting sheep …\n"
+
+
+@pytest.mark.usefixtures("at_once")
+def test_in_a_terminal_a_moving_line_says_so(monkeypatch: pytest.MonkeyPatch, ends: list[int]) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    reading, writing = os.openpty()
+    ends.append(reading)
+    with os.fdopen(writing, "w", buffering=1) as stream:
+        assert "counting sheep" in shown_while_working(monkeypatch, reading, stream)
+
+
+def test_what_is_done_at_once_is_not_announced(capsys: pytest.CaptureFixture[str]) -> None:
+    assert list(exits.count_items("abc", "counting", 3)) == ["a", "b", "c"]
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.usefixtures("at_once")
+def test_who_wants_to_see_no_progress_sees_none(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STADIMETER_PROGRESS", "off")
+    with exits.working("counting sheep"):
+        pass
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("at_once")
+def test_what_is_written_meanwhile_is_never_glued_to_the_moving_line(
+    monkeypatch: pytest.MonkeyPatch, ends: list[int]
+) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    reading, writing = os.openpty()
+    ends.append(reading)
+    with os.fdopen(writing, "w", buffering=1) as stream:
+        monkeypatch.setattr(sys, "stderr", stream)
+        with exits.working("counting sheep"):
+            shown = os.read(reading, 4096).decode()
+            while "sheep" not in shown:
+                shown += os.read(reading, 4096).decode()
+            typer.echo("a black one", err=True)
+            while "a black one" not in shown:
+                shown += os.read(reading, 4096).decode()
+    before, after = shown.split("a black one")
+    assert before.endswith(("\x1b[2K", "\r")), "the moving line was not cleared"
+    assert after.startswith("\r\n")
+
+
+@pytest.mark.usefixtures("at_once")
+def test_a_command_that_takes_long_to_load_says_that_it_is_starting(
+    monkeypatch: pytest.MonkeyPatch, ends: list[int]
+) -> None:
+    reading, writing = os.pipe()
+    ends.append(reading)
+    shown = []
+
+    def load_slowly(module: str) -> ModuleType:
+        shown.append(os.read(reading, 4096).decode())
+        return import_module(module)
+
+    main = import_module("stadimeter.cli.main")  # its package has a function of that name
+    with os.fdopen(writing, "w", buffering=1) as stream:
+        monkeypatch.setattr(sys, "stderr", stream)
+        monkeypatch.setattr(main, "import_module", load_slowly)
+        monkeypatch.setattr(main, "SLOW_START_S", 0.0)
+        typer.main.get_command(main.app).load("check")
+    assert shown == ["starting …\n"]
+
+
+# The line that a problem is about is shown, and no secret with it.
+
+
+def shown(tmp_path: Path, text: str, key: str, line: int) -> str:
+    file = tmp_path / "run.toml"
+    file.write_text(text)
+    console = Console(width=120)
+    with console.capture() as capture:
+        found = problems([Finding(tuple(key.split(".")), "it is wrong")], str(file), key_spans(text))
+        assert [each.line for each in found] == [line]
+        print_problems(console, found, "error")
+    return capture.get()
+
+
+def test_an_address_is_covered_and_the_rest_of_its_line_is_not(tmp_path: Path) -> None:
+    text = '[notifiers]\nphone = { driver = "apprise", url = "tgram://123:token/4", retry_for = "1" }\n'
+    said = shown(tmp_path, text, "notifiers.phone.retry_for", 2)
+    line, underline = said.splitlines()[-2:]
+    assert "token" not in said
+    assert f'url = "tgram://{"…" * len("123:token/4")}", retry_for = "1"' in line
+    assert line.index("retry_for") == underline.index("^")
+
+
+def test_a_line_without_an_address_is_shown_as_it_is(tmp_path: Path) -> None:
+    assert 'pin = "18"' in shown(tmp_path, '[actuators.motor]\npin = "18"\n', "actuators.motor.pin", 2)
+
+
+def test_of_a_line_that_fills_the_screen_only_what_matters_is_shown(tmp_path: Path) -> None:
+    text = f'a = "{"x" * 100_000}"\nb = {{ c = "{"y" * 1000}", here = 1, d = "{"z" * 1000}" }}\n'
+    assert len(shown(tmp_path, text, "a", 1)) < 1000
+    said = shown(tmp_path, text, "b.here", 2).replace("\n", "")
+    assert "…" in said
+    assert "here = 1" in said
+    assert "^" in said
+
+
+# Without CONFIG, a command takes the configuration that is in this folder, and says so.
+
+COMMANDS = (("check",), ("test",), ("run", "--frames", "2", "--speed", "0"))
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
+def test_without_a_name_the_configuration_in_this_folder_is_used_and_named(
+    command: tuple[str, ...], folder: Path
+) -> None:
+    shutil.copy(demo_configuration().path, folder / "stadimeter.toml")
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 0
+    assert result.stderr.splitlines()[0] == "using stadimeter.toml"
+
+
+def test_without_a_configuration_it_says_what_makes_one() -> None:
+    for command in [*COMMANDS, ("wiring",)]:
+        result = CliRunner().invoke(app, command)
+        assert result.exit_code == 2
+        assert "there is no stadimeter.toml in this folder. `stadimeter init` writes one" in result.stderr

@@ -1,23 +1,32 @@
-"""The live view, read as a person reads it: from the screen."""
+"""The live view, read as a person reads it, line by line and as a picture."""
 
 from __future__ import annotations
 
 import io
 import math
 import re
+import threading
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from live_view_svg import save_svg
 from msgspec.structs import replace
 from rich.console import Console
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.health import Board
+from stadimeter.app.live.history import DistanceSample
 from stadimeter.app.loop import Loop
 from stadimeter.cli.keyboard import Keyboard, RunKeys
 from stadimeter.cli.live_view import LiveView
+from stadimeter.cli.run_panels import LIMIT, LINE, STYLES, StripChart, big_digits, chart_scale
+from stadimeter.cli.viewing import WAITING_MAX, PlainView, ViewThread
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.decision import Event, EventKind, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.detection import RejectedCandidate
@@ -25,6 +34,8 @@ from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.observation import OutputFault
 from support.cycle_records import live_view
 from support.observing import missed
+
+# The live view, read as a person reads it: from the screen.
 
 SIZES = [(80, 24), (120, 35), (200, 50)]
 
@@ -297,3 +308,241 @@ def test_what_is_told_and_the_keys_stand_at_the_top_and_the_bottom(make_record: 
         rows = screen(shown(make_record(), narration=lambda: "it rolls", keys=keys), width, height)
         assert rows[1].strip() == "it rolls"
         assert rows[-1].split() == ["q", "quit", "?", "help", "space", "pause"]
+
+
+# The live view as a picture.
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def texts(path: Path) -> str:
+    root = ET.parse(path).getroot()  # noqa: S314 - a file that we have just written
+    assert root.tag == f"{SVG}svg"
+    return "\n".join("".join(element.itertext()) for element in root.iter(f"{SVG}text")).replace("\xa0", " ")
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 35)])
+def test_the_picture_is_well_formed_and_holds_the_figures(
+    make_record: Callable[..., CycleRecord], tmp_path: Path, width: int, height: int
+) -> None:
+    view, show = live_view("test <run> & more")
+    for number in range(100):
+        show(make_record(number / 10))
+    save_svg(view.render(), tmp_path / "view.svg", width, height)
+    shown = texts(tmp_path / "view.svg")
+    assert "test <run> & more" in shown
+    for words in ("± 0.04", "closing 0.21 m/s", "too-near", "active", "keep-off", "1.43 m too far", "62 %"):
+        assert words in shown
+    assert ("2.43 m" if width == 80 else big_digits("2.43")[1]) in shown
+
+
+def test_the_same_view_gives_the_same_picture(make_record: Callable[..., CycleRecord], tmp_path: Path) -> None:
+    view, show = live_view()
+    show(make_record())
+    for name in ("one.svg", "other.svg"):
+        save_svg(view.render(), tmp_path / name)
+    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.svg").read_bytes()
+
+
+# The plain view, line by line.
+
+
+def raised(at_s: float) -> Event:
+    return Event(
+        kind=EventKind.RAISED, source="too-near", at_s=at_s, severity=Severity.ALARM, reason="0.43 m is below 0.50 m"
+    )
+
+
+def test_a_line_holds_targets_outputs_and_the_rules_that_act(make_record: Callable[..., CycleRecord]) -> None:
+    lines: list[str] = []
+    PlainView(lines.append).update(make_record(100.0))
+    assert lines == [
+        (
+            "   0.0 s  ball 2.43 m ± 0.04 tracking  buzzer 100 %  motor 62 %  base 0.21 m/s 0.10 rad/s  "
+            "ACTIVE too-near: 0.43 m is below 0.50 m: P 0.97  PENDING keep-off: for 0.2 s of 0.5 s  "
+            "CLEARING report: clears in 0.4 s"
+        )
+    ]
+
+
+def test_there_is_one_line_a_second_of_the_run(make_record: Callable[..., CycleRecord]) -> None:
+    lines: list[str] = []
+    view = PlainView(lines.append)
+    for number in range(61):
+        view.update(make_record(100.0 + number / 15))
+    assert [line[:10] for line in lines] == [f"   {second}.0 s  " for second in range(5)]
+
+
+def test_an_event_is_told_at_once(make_record: Callable[..., CycleRecord]) -> None:
+    lines: list[str] = []
+    view = PlainView(lines.append)
+    view.update(make_record(10.0))
+    view.update(make_record(10.3, events=(raised(10.3),)))
+    assert lines[1:] == ["   0.3 s  * alarm: too-near raised: 0.43 m is below 0.50 m"]
+
+
+def test_a_target_that_is_not_seen_has_a_reason_in_place_of_a_distance(
+    make_record: Callable[..., CycleRecord], make_track: Callable[..., Track]
+) -> None:
+    lines: list[str] = []
+    track = make_track(status=TrackStatus.LOST, reason="largest blob 6 px, limit 12 px")
+    PlainView(lines.append).update(make_record(tracks=(track,)))
+    assert "ball lost (largest blob 6 px, limit 12 px)  " in lines[0]
+    assert "±" not in lines[0]
+
+
+def test_faults_and_safety_are_told(make_record: Callable[..., CycleRecord]) -> None:
+    lines: list[str] = []
+    record = make_record(
+        safety=SafetyMode.STALE,
+        safety_reason="the frame is 0.4 s old",
+        frame=None,
+        camera_fault="no frame in 0.1 s",
+        commands=(LevelCommand(output="motor", level=0.0),),
+        applied=(),
+        output_faults=(OutputFault(output="motor", reason="pin 18 is busy"),),
+    )
+    PlainView(lines.append).update(record)
+    assert "STALE: the frame is 0.4 s old  camera: no frame in 0.1 s  " in lines[0]
+    assert "motor OUT OF ORDER: pin 18 is busy" in lines[0]
+    assert "motor 0 %" not in lines[0]
+
+
+def test_trouble_outside_the_loop_is_told_when_it_changes(make_record: Callable[..., CycleRecord]) -> None:
+    lines: list[str] = []
+    trouble = [""]
+    view = PlainView(lines.append, every_s=100.0, trouble=lambda: trouble[0])
+    for number, words in enumerate(["", "the broker is away", "the broker is away", "", ""]):
+        trouble[0] = words
+        view.update(make_record(float(number)))
+    assert [line[10:] for line in lines[1:]] == ["the broker is away", "resolved: the broker is away"]
+
+
+def test_a_driver_s_words_stay_on_one_line(make_record: Callable[..., CycleRecord]) -> None:
+    lines: list[str] = []
+    record = make_record(output_faults=(OutputFault(output="motor", reason="first\nsecond\x1b[2J é"),))
+    PlainView(lines.append).update(record)
+    assert len(lines) == 1
+    assert lines[0].isprintable()
+    assert "2.43 m ± 0.04" in lines[0]
+
+
+# A view that blocks holds up nothing.
+
+
+def test_what_is_submitted_is_shown_in_order():
+    shown = []
+    thread = ViewThread(shown.append)
+    thread.start()
+    for number in range(100):
+        thread.submit(number)
+    thread.stop()
+    assert shown == list(range(100))
+    assert thread.dropped == 0
+
+
+def test_a_view_that_blocks_does_not_block_the_loop_and_what_is_not_shown_is_counted():
+    let_go, entered, shown = threading.Event(), threading.Event(), []
+
+    def update(record):
+        entered.set()
+        assert let_go.wait(120)
+        shown.append(record)
+
+    thread = ViewThread(update)
+    thread.start()
+    thread.submit(0)
+    assert entered.wait(120)
+    for number in range(1, WAITING_MAX + 51):
+        thread.submit(number)
+    assert thread.dropped == 50
+    let_go.set()
+    thread.stop()
+    assert shown == list(range(WAITING_MAX + 1))
+
+
+def test_what_ends_the_view_reaches_the_loop():
+    ended = threading.Event()
+
+    def update(record):
+        ended.set()
+        raise BrokenPipeError
+
+    thread = ViewThread(update)
+    thread.start()
+    thread.submit(0)
+    assert ended.wait(120)
+    thread.stop()
+    with pytest.raises(BrokenPipeError):
+        thread.submit(1)
+
+
+# The strip chart, read back from its characters.
+
+
+def samples(distances_m: list[float | None], period_s: float = 0.1, sigma_m: float = 0.0) -> list[DistanceSample]:
+    return [
+        DistanceSample(at_s=number * period_s, distance_m=distance_m, sigma_m=sigma_m)
+        for number, distance_m in enumerate(distances_m)
+    ]
+
+
+def plot(chart: StripChart, taken: list[DistanceSample], now_s: float) -> list[str]:
+    """Return the rows right of the axis, without the axis of time."""
+    rows = [line.plain for line in chart.render(taken, now_s)]
+    axis = rows[-1].index("└")
+    return [row[axis + 1 :].ljust(chart.width - axis - 1) for row in rows[:-1]]
+
+
+def test_a_target_at_rest_is_a_level_line_at_its_label() -> None:
+    chart = StripChart(width=60, height=10)
+    rows = [line.plain for line in chart.render(samples([2.0] * 301), 30.0)]
+    (row,) = [row for row in rows if row.startswith("2.0 m")]
+    assert set(row.partition("┤")[2]) == {"⠒"} or set(row.partition("┤")[2]) == {"⠤"}
+    assert not any(set(other.partition("│")[2]) & {"⠒", "⠤"} for other in rows if other is not row)
+
+
+def test_time_without_a_distance_is_a_gap_of_that_length() -> None:
+    taken = samples([2.0] * 100 + [None] * 100 + [2.0] * 101)
+    rows = plot(StripChart(width=68, height=8), taken, 30.0)
+    empty = [column for column in range(len(rows[0])) if all(row[column] == " " for row in rows)]
+    assert empty == list(range(empty[0], empty[-1] + 1))
+    assert len(empty) == pytest.approx(len(rows[0]) / 3, abs=2)
+    assert empty[0] == pytest.approx(len(rows[0]) / 3, abs=2)
+
+
+def test_a_target_that_leaves_goes_up_to_the_right() -> None:
+    rows = plot(StripChart(width=60, height=12), samples([1.0 + number / 100 for number in range(301)]), 30.0)
+    tops = [next(number for number, row in enumerate(rows) if row[column] != " ") for column in range(2, 50)]
+    assert tops == sorted(tops, reverse=True)
+    assert tops[0] - tops[-1] >= 6
+
+
+def test_a_limit_is_a_dotted_line_on_the_scale() -> None:
+    chart = StripChart(width=60, height=8, limits_m=(2.8,))
+    lines = chart.render(samples([2.0] * 301), 30.0)
+    (row,) = [line for line in lines[:-1] if any(span.style == STYLES[LIMIT] for span in line.spans)]
+    assert re.fullmatch(r"2\.8 m ┤[⠂-⣿ ]{40,}", row.plain)
+    assert not any(span.style == STYLES[LINE] for span in row.spans)
+
+
+@given(
+    st.lists(st.none() | st.floats(), max_size=30), st.floats(allow_nan=True), st.integers(0, 90), st.integers(0, 30)
+)
+def test_whatever_the_figures_the_chart_fits(
+    distances_m: list[float | None], sigma_m: float, width: int, height: int
+) -> None:
+    taken = samples(distances_m, period_s=1.0, sigma_m=sigma_m)
+    rows = StripChart(width=width, height=height).render(taken, 30.0)
+    assert len(rows) in {0, height}
+    assert all(row.cell_len <= width for row in rows)
+
+
+@given(st.lists(st.floats(0, 1e4), min_size=1), st.floats(0.01, 10), st.integers(2, 40))
+def test_a_scale_holds_all_figures_and_labels_are_evenly_spaced(values: list[float], span: float, rows: int) -> None:
+    scale = chart_scale(values, span, rows)
+    assert all(-1e-6 <= scale.position(value) <= rows - 1 + 1e-6 for value in values)
+    labels = list(scale.labels())
+    assert len(labels) >= 2
+    assert {one - other for (one, _), (other, _) in pairwise(labels)} == {scale.rows_per_step}
+    assert scale.low >= 0

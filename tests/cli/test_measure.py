@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
+from stadimeter.cli.formatting import FOOT, METRE
+from stadimeter.cli.measure_output import Printer, explanation, explanation_record, marks_of
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
+from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.ranging.measure import SigmaParts
+from stadimeter.workbench.measuring import PictureResult, TargetResult
 from support.command_line import Typed, typed
+
+# The command ``measure``, as a person and as a program use it.
 
 KEYS = [
     "file", "target", "status", "perhaps", "distance_m", "depth_m", "sigma_m", "bearing_rad", "elevation_rad",
@@ -175,3 +186,213 @@ def test_all_options_that_are_missing_are_named_at_once(pictures: Path) -> None:
     assert result.returncode == 2
     assert "add --family" in result.stderr
     assert "--camera: the camera file is missing" in result.stderr
+
+
+# What ``measure --explain`` says.
+
+DOOR = RejectedCandidate(centre_px=(120.4, 340.0), size_px=88.2, reason="edge scatters by 2.1 px, limit 1.0 px")
+LAMP = RejectedCandidate(centre_px=(9.0, 8.0), size_px=7.0, reason="7.0 px wide, limit 12 px")
+
+MEASURED = Measurement(
+    target="paper",
+    status=MeasurementStatus.MEASURED,
+    captured_at_s=0.0,
+    distance_m=2.0,
+    depth_m=2.0,
+    sigma_m=0.025,
+    noise_m=0.0006,
+    bearing_rad=0.0,
+    elevation_rad=0.0,
+    tilt_rad=math.radians(14),
+    ambiguity=0.12,
+)
+FOUND = Detection(
+    target="paper",
+    status=DetectionStatus.FOUND,
+    outline_px=np.array([(210.0, 155.0), (429.0, 155.0), (429.0, 324.0), (210.0, 324.0)]),
+    centre_px=(319.5, 239.5),
+    width_px=219.0,
+    height_px=169.0,
+    size_sigma_px=0.043,
+    quality=0.98,
+)
+PARTS = SigmaParts(edges_m=0.0006, focal_length_m=0.024, size_m=0.0, pose_m=0.007)
+
+
+def result(
+    measured: Measurement = MEASURED, found: Detection | None = FOUND, parts: SigmaParts | None = PARTS, first: int = 1
+) -> TargetResult:
+    return TargetResult(file="a.png", measurement=measured, detection=found, parts=parts, rejected_from=first)
+
+
+def not_found(*rejected: RejectedCandidate) -> TargetResult:
+    reason = "no sheet among 2 outlines"
+    return result(
+        Measurement(target="paper", status=MeasurementStatus.NOT_FOUND, captured_at_s=0.0, reason=reason),
+        Detection(target="paper", status=DetectionStatus.NOT_FOUND, reason=reason, rejected=rejected),
+        None,
+    )
+
+
+def test_a_target_that_was_found_is_explained_line_by_line() -> None:
+    assert explanation(result(found=replace(FOUND, rejected=(DOOR, LAMP)), first=9)) == [
+        "    seen       219.00 x 169.00 px ± 0.04 at 319.5, 239.5, quality 0.98",
+        "    tilt       tilted 14°, ambiguity 0.12",
+        (
+            "    sigma      1.25 % of the distance: edges 0.030 %, focal length 1.20 %, size taken as exact, "
+            "which way it is tilted 0.35 %"
+        ),
+        "    rejected    9  88 px at 120, 340  edge scatters by 2.1 px, limit 1.0 px",
+        "               10  7 px at 9, 8       7.0 px wide, limit 12 px",
+    ]
+
+
+def test_what_is_perhaps_the_target_has_its_distance_and_the_doubt_in_one_line(capsys: Any) -> None:
+    doubted = result(replace(MEASURED, status=MeasurementStatus.PERHAPS, reason="a pale rim"))
+    doubted = replace(doubted, detection=replace(FOUND, status=DetectionStatus.PERHAPS, reason="a pale rim"))
+    printer = Printer(as_json=False, explain=False, unit=FOOT, file_width=5, target_width=5)
+    printer.result(doubted)
+    assert capsys.readouterr().out == "a.png  paper  perhaps 6.56 ft ± 0.08  2.00 m ± 0.03: a pale rim\n"
+    (mark,) = marks_of(PictureResult(file="a.png", frame=None, targets=(doubted,)), METRE)
+    assert mark.headline == "paper: perhaps 2.00 m ± 0.03"
+    assert mark.lines[-1] == "perhaps: a pale rim"
+
+
+def test_json_has_the_outline_and_says_what_is_only_perhaps_the_target() -> None:
+    assert result().record()["perhaps"] is False
+    record = result(replace(MEASURED, status=MeasurementStatus.PERHAPS)).record()
+    assert (record["status"], record["perhaps"]) == ("measured", True)
+    assert record["outline_px"] == [[210.0, 155.0], [429.0, 155.0], [429.0, 324.0], [210.0, 324.0]]
+    assert json.loads(json.dumps(not_found().record()))["outline_px"] == []
+
+
+def test_a_tilt_that_may_as_well_be_the_other_way_is_said() -> None:
+    lines = explanation(result(replace(MEASURED, ambiguity=0.93)))
+    assert "tilted 14°, or mirrored: both explain the picture nearly alike (ambiguity 0.93, 1 is no idea)" in lines[1]
+
+
+def test_a_target_that_was_not_found_has_only_what_was_rejected() -> None:
+    assert explanation(not_found(DOOR)) == [
+        "    rejected   1  88 px at 120, 340  edge scatters by 2.1 px, limit 1.0 px"
+    ]
+
+
+def test_a_picture_in_which_nothing_was_looked_at_says_so() -> None:
+    assert explanation(not_found()) == ["    rejected   nothing was looked at"]
+    assert explanation(result())[-1] == "    rejected   nothing else was looked at"
+
+
+def test_the_fields_for_programs_say_the_same() -> None:
+    record = explanation_record(result(found=replace(FOUND, rejected=(DOOR,)), first=4))
+    assert json.loads(json.dumps(record)) == {
+        "remark": "",
+        "centre_px": [319.5, 239.5],
+        "width_px": 219.0,
+        "height_px": 169.0,
+        "size_sigma_px": 0.043,
+        "quality": 0.98,
+        "sigma_edges_m": 0.0006,
+        "sigma_focal_length_m": 0.024,
+        "sigma_size_m": 0.0,
+        "sigma_pose_m": 0.007,
+        "floor_distance_m": None,
+        "floor_sigma_m": None,
+        "floor_apart_sigmas": None,
+        "rejected": [{"number": 4, "centre_px": [120.4, 340.0], "size_px": 88.2, "reason": DOOR.reason}],
+    }
+
+
+def test_a_figure_that_is_no_number_is_null_for_programs() -> None:
+    broken = replace(FOUND, size_sigma_px=math.inf, rejected=(replace(DOOR, size_px=math.nan),))
+    record = explanation_record(result(found=broken))
+    assert record["size_sigma_px"] is None
+    json.dumps(record, allow_nan=False)
+
+
+# ``measure --at``, two targets, and the robot's frame.
+
+
+def run(*arguments: object) -> Typed:
+    return typed("measure", *arguments)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A sheet that is 30 in away at a focal length of 600 px."""
+    image = np.full((480, 640, 3), (70, 100, 120), np.uint8)
+    cv2.rectangle(image, (210, 155), (429, 324), (230, 232, 228), -1)
+    cv2.imwrite(str(tmp_path / "sheet.png"), image)
+    save_camera_model(tmp_path / "camera.toml", CameraModel.with_focal_length(600, 640, 480))
+    return tmp_path
+
+
+def given(folder: Path, *arguments: object) -> tuple[object, ...]:
+    return folder / "sheet.png", "--camera", folder / "camera.toml", *arguments
+
+
+def test_a_sheet_twice_as_far_is_twice_as_large(folder: Path) -> None:
+    lines = run(*given(folder, *SHEET, "--at", "60in ± 1in", "--json")).stdout.splitlines()
+    size = json.loads(lines[1])
+    assert (size["width_m"], size["height_m"]) == pytest.approx((2 * 0.2794, 2 * 0.2159), rel=0.01)
+    assert size["width_sigma_m"] / size["width_m"] == pytest.approx(1 / 60, rel=0.1)
+    assert "22.0 in" in run(*given(folder, *SHEET, "--at", "60in")).stdout
+
+
+def test_a_box_needs_no_target(folder: Path) -> None:
+    size = json.loads(run(*given(folder, "--at", "762mm", "--box", "210,155,220,170", "--json")).stdout)
+    assert (size["width_m"], size["height_m"]) == pytest.approx((0.2794, 0.2159), rel=0.01)
+    assert "wide" in run(*given(folder, "--at", "762mm", "--box", "210,155,220,170")).stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--at", "0m", *SHEET), "--at: '0m' is not a length above zero"),
+        (("--box", "1,2,3,4"), "add such as --at 2m"),
+        (("--box", "600,2,90,4", "--at", "1m"), "reaches out of the picture"),
+        (("--box", "1,2,3,4", "--at", "1m", *SHEET), "give one of them"),
+        (
+            ("--target", "ball diameter=6cm", "--target", "disc diameter=6cm", "--tolerance", "1mm"),
+            "into each --target",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_said_with_the_option_and_what_to_do(
+    folder: Path, arguments: tuple[str, ...], said: str
+) -> None:
+    result = run(*given(folder, *arguments))
+    assert result.returncode == 2
+    assert said in result.stderr
+
+
+def test_two_targets_are_measured_and_how_far_they_are_apart_is_printed(folder: Path) -> None:
+    image = cv2.imread(str(folder / "sheet.png"))
+    cv2.circle(image, (560, 240), 40, (20, 20, 20), -1, cv2.LINE_AA)
+    cv2.imwrite(str(folder / "sheet.png"), image)
+    both = ("--target", "sheet width=11in height=8.5in", "--target", "disc diameter=101.6mm shade=dark")
+    records = [json.loads(line) for line in run(*given(folder, *both, "--json")).stdout.splitlines()]
+    assert [each.get("target") for each in records] == ["sheet", "disc", None]
+    assert records[2]["between"] == ["sheet", "disc"]
+    assert records[2]["distance_m"] == pytest.approx(240 / 600 * 0.762, rel=0.02)
+
+
+def test_a_mounted_camera_gives_places_in_the_robot_s_frame(folder: Path) -> None:
+    (folder / "run.toml").write_text(
+        """
+[camera]
+driver = "images"
+paths = ["sheet.png"]
+model = "camera.toml"
+height = "30 cm"
+mount = { x = "10 cm", y = "2 cm" }
+
+[targets.sheet]
+detector = "sheet"
+width = "11 in"
+height = "8.5 in"
+"""
+    )
+    found = json.loads(run(folder / "sheet.png", "--config", folder / "run.toml", "--json").stdout)
+    place_m = [found[f"robot_{axis}_m"] for axis in "xyz"]
+    assert place_m == pytest.approx([0.1 + found["z_m"], 0.02 - found["x_m"], 0.3 - found["y_m"]])
+    assert "robot_x_m" not in json.loads(run(*given(folder, *SHEET, "--json")).stdout)

@@ -1,7 +1,8 @@
-"""What a run leaves behind when the disk fails, hangs or already holds something: real processes and real limits."""
+"""What a run leaves behind, also when the disk fails, hangs or already holds something: real processes and limits."""
 
 from __future__ import annotations
 
+import json
 import os
 import pty
 import resource
@@ -13,13 +14,19 @@ import tty
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from stadimeter.app.event_log import read_events
+from stadimeter.app.timeline import MEAN, event_log_beside, read_rows
 from stadimeter.testing.rig import eventually
+from stadimeter.workbench.replay.recording_reader import read_mcap
 from stadimeter.workbench.replay.replay import read_recording
 from support.command_line import typed
 from support.recordings import records_of
 from support.simulated_run import SIMULATED_BALL
+
+# What a run leaves behind when the disk fails, hangs or already holds something: real processes and real limits.
 
 SIMULATED = SIMULATED_BALL + '[rules.far]\nactuator = "motor"\nramp = { from = "0.5 m", to = "1 m" }\n[world]\n'
 OPTIONS = [("--journal", "run.jsonl"), pytest.param("--record", "run.mcap", marks=pytest.mark.long)]
@@ -154,3 +161,127 @@ def test_a_run_that_did_not_open_leaves_no_file_behind(tmp_path: Path) -> None:
         assert (done.returncode, done.stderr.count("\n")) == (2, 1)
         assert "there is no camera" in done.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["config.toml", "old.jsonl"]
+
+
+# A run keeps its timeline: as a service, or where its configuration says so; a kill leaves what was written.
+
+ROOM = f"""{SIMULATED_BALL}
+[rules.near]
+actuator = "motor"
+when = {{ below = "3 m" }}
+on_delay = "0 s"
+[world]
+path = [{{ at = "0 s", x = "2 m", y = "0 m" }}]
+"""
+
+
+def start(folder: Path, table: str, **environ: str) -> subprocess.Popen[bytes]:
+    path = folder / "room.toml"
+    path.write_text(table + ROOM)
+    command = [sys.executable, "-m", "stadimeter", "run", str(path), "--no-state"]
+    own = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
+    own.pop("STATE_DIRECTORY", None)
+    return subprocess.Popen(command, env={**own, **environ}, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("is_service", [True, False])
+def test_a_run_that_is_killed_has_kept_its_first_second_and_its_events(tmp_path: Path, is_service: bool) -> None:
+    state = tmp_path / "state"
+    state.mkdir()
+    if is_service:
+        run = start(tmp_path, "", STATE_DIRECTORY=str(state))
+    else:
+        run = start(tmp_path, '[timeline]\nkeep = "1 d"\n')
+    folder = (state if is_service else tmp_path) / "timeline" / "room"
+    log = state / "room.log" if is_service else event_log_beside(folder)
+    try:
+        eventually(lambda: list(read_rows(folder, 0, 2**32, 1)) and list(read_events(log, 0, 2**32)))
+    finally:
+        run.send_signal(signal.SIGKILL)
+        run.wait()
+    ((names, rows),) = read_rows(folder, 0, 2**32, 1)
+    assert (names.targets, names.rules) == (("ball",), ("near",))
+    mean_m = rows["figures"][0, 0, MEAN]  # of a second that was over before the ball was tracked there is none
+    assert np.isnan(mean_m) or mean_m == pytest.approx(2.0, abs=0.1)
+    assert [each.reason[:7] for each in read_events(log, 0, 2**32)][-1] == "started"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("table", "environ"), [("", {}), ('[timeline]\nkeep = "0 s"\n', {"STATE_DIRECTORY": "state"})])
+def test_a_run_at_a_desk_without_a_table_and_one_that_shall_keep_nothing_leave_no_folder(
+    tmp_path: Path, table: str, environ: dict[str, str]
+) -> None:
+    (tmp_path / "state").mkdir()
+    own = {name: str(tmp_path / value) for name, value in environ.items()}
+    run = start(tmp_path, table, **own)
+    eventually(lambda: list(tmp_path.rglob("*.sock")))
+    run.send_signal(signal.SIGTERM)
+    run.wait()
+    assert not list(tmp_path.rglob("timeline"))
+
+
+# Clips by order: in another terminal, across a reload, and in a run that is asked to end meanwhile.
+
+WORLD = '\n[world]\npath = [{ at = "0 s", x = "2 m", y = "0 m" }]\nloop = false\n'
+RULE = '\n[rules.near]\nactuator = "motor"\nwhen = { below = "1 m" }\n'
+BOX = '\n[black_box]\nbefore = "30 s"\nafter = "60 s"\non = ["fault"]\n'
+
+
+@pytest.mark.long
+def test_a_clip_spans_a_reload_ends_whole_at_sigterm_and_replays(tmp_path: Path) -> None:
+    path = tmp_path / "door.toml"
+    path.write_text(SIMULATED_BALL + RULE + BOX + WORLD)
+    folders = {"XDG_RUNTIME_DIR": str(tmp_path / "r"), "XDG_STATE_HOME": str(tmp_path / "s")}
+    environ = {name: value for name, value in os.environ.items() if not name.endswith("_DIRECTORY")} | folders
+    command = [sys.executable, "-m", "stadimeter", "run", str(path)]
+    run = subprocess.Popen(command, env=environ, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    try:
+        eventually(lambda: typed("status", env=environ).returncode == 0)
+        path.write_text(path.read_text().replace("1 m", "3 m"))
+        assert typed("reload", env=environ).returncode == 0
+        done = typed("clip", "--by", "zoe", "--why", "a noise", "--json", env=environ)
+        assert done.returncode == 0
+        clip = tmp_path / "recordings" / "clips" / json.loads(done.stdout)["clip"]
+        eventually(clip.exists)
+    finally:
+        run.send_signal(signal.SIGTERM)
+        _, said = run.communicate(timeout=60)
+    assert "black box" not in said
+    found = read_mcap(clip)
+    assert not found.is_cut_off()
+    assert found.clip_of == {"kind": "order", "source": "zoe", "reason": "a noise"}
+    assert any(cycle.reloaded is not None for cycle in found.cycles())
+    replayed = typed("replay", str(clip), "--strict", env=environ)
+    assert replayed.returncode == 0
+    assert "raised" in replayed.stdout
+    explained = typed("explain", "near", "--journal", str(clip), env=environ)
+    assert "near" in explained.stdout
+    assert explained.returncode == 0
+
+
+def test_a_configuration_says_what_its_black_box_takes_and_what_is_wrong_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from stadimeter.app.this_computer import warnings_here
+    from stadimeter.config.describe import describe
+    from stadimeter.config.loader import load_configuration
+    from stadimeter.errors import ConfigError
+
+    path = tmp_path / "door.toml"
+    path.write_text(SIMULATED_BALL + RULE + BOX + 'memory = "16 MB"\n' + WORLD)
+    words = "Keeps the last 30 s with pictures in at most 16 MB of memory, and writes a clip on each fault: "
+    assert words + "500 MB of clips at most." in describe(load_configuration(path))
+    wrong = 'before = "0.5 s"\nafter = "1 h"\nrate = "0 Hz"\nquality = 101\nmemory = "1 MB"\nmax_total = "5"\n'
+    wrong += 'on = ["all"]\n'
+    path.write_text(SIMULATED_BALL + RULE + "\n[black_box]\n" + wrong + WORLD)
+    with pytest.raises(ConfigError) as caught:
+        load_configuration(path)
+    keys = {"before", "after", "rate", "quality", "memory", "max_total", "on"}
+    assert {problem.key.split(".")[1] for problem in caught.value.problems} == keys
+    monkeypatch.setattr("stadimeter.app.this_computer.missing", lambda extra: f"no {extra}")
+    path.write_text(SIMULATED_BALL + RULE + BOX + WORLD)
+    assert "the black box cannot write: no record" in [each.message for each in warnings_here(load_configuration(path))]
+    path.write_text(SIMULATED_BALL + RULE + '[buttons.front]\ndriver = "simulated"\npress = "clip"\n' + WORLD)
+    (warning,) = (each for each in load_configuration(path).warnings if each.code == "no-black-box")
+    assert "there is no black box" in warning.message

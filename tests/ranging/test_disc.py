@@ -1,4 +1,4 @@
-"""The distance of a disc from its outline, exact or measured in rendered pictures."""
+"""Discs, circles and balls: poses and distances from their outlines."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.detection import Detection, DetectionStatus, Points
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.disc import DiscDetector, DiscOptions
 from stadimeter.detectors.disc.ellipse import ellipse_through
-from stadimeter.ranging.flat import DiscShape
+from stadimeter.ranging.ball import ConeFrame, SphereCone, fit_cone, with_ones
+from stadimeter.ranging.flat import DiscShape, circle_poses, cone_through
 from stadimeter.ranging.measure import measure
 from stadimeter.ranging.similar_triangles import expect, farthest_m
 from support.scenes.draw import CAMERA, disc_scene
@@ -24,7 +26,10 @@ from support.scenes.plane import Pose
 from support.scenes.render import render
 from support.through_lens import ThroughLens
 
-pytestmark = pytest.mark.vision
+pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]
+
+
+# The distance of a disc from its outline, exact or measured in rendered pictures.
 
 SIZE = DiscShape(diameter_m=0.12)
 ANGLES = np.linspace(0, 2 * math.pi, 64, endpoint=False)
@@ -138,3 +143,193 @@ def _errors(seeds: range, tilt_deg: float, trouble: str) -> list[tuple[float, fl
             truth = made.truth.distance_m
             found.append((measured.distance_m / truth - 1, measured.sigma_m / truth))
     return found
+
+
+# The two poses of a circle that is seen as an ellipse.
+
+DIAMETER_M = 0.12
+COARSE_ANGLES = np.linspace(0, 2 * math.pi, 48, endpoint=False)
+CIRCLE_M = DIAMETER_M / 2 * np.column_stack((np.cos(COARSE_ANGLES), np.sin(COARSE_ANGLES)))
+
+PLACES = {
+    "x": st.floats(-0.6, 0.6),
+    "y": st.floats(-0.5, 0.5),
+    "z": st.floats(0.2, 20.0),
+    "tilt": st.floats(0, 1.2),
+    "towards": st.floats(0, 2 * math.pi),
+}
+
+
+def rim(pose: Pose) -> np.ndarray:
+    placed = pose.placed(CIRCLE_M)
+    return placed[:, :2] / placed[:, 2:]
+
+
+def seen_at(x, y, z, tilt, towards):
+    pose = Pose(position_m=(x * z, y * z, z), tilt_rad=tilt, tilt_towards_rad=towards)
+    return pose, circle_poses(cone_through(rim(pose)), DIAMETER_M)
+
+
+@given(**PLACES)
+def test_the_distance_of_a_circle_is_exact_at_any_tilt(x, y, z, tilt, towards) -> None:
+    pose, found = seen_at(x, y, z, tilt, towards)
+    distance_m = math.hypot(*pose.position_m)
+    assert [each.distance_m for each in found.poses] == pytest.approx([distance_m] * 2, rel=1e-6)
+
+
+@given(**PLACES)
+def test_one_of_the_poses_is_the_true_one(x, y, z, tilt, towards) -> None:
+    pose, found = seen_at(x, y, z, tilt, towards)
+    # Near face on the tilt goes with the root of a difference of eigenvalues, and so do its rounding errors.
+    off_m = min(math.dist(each.position_m, pose.position_m) for each in found.poses)
+    assert off_m < 2e-4 * DIAMETER_M + 1e-6 * z
+    toward_camera = -pose.rotation()[:, 2]
+    facing = toward_camera if toward_camera @ pose.position_m < 0 else -toward_camera
+    assert max(float(each.normal @ facing) for each in found.poses) > 1 - 1e-4
+
+
+@given(**PLACES)
+def test_both_poses_explain_the_same_outline(x, y, z, tilt, towards) -> None:
+    pose, found = seen_at(x, y, z, tilt, towards)
+    cone = cone_through(rim(pose))
+    for each in found.poses:
+        first = np.cross(each.normal, (0.6, 0.8, 0.0))
+        first /= np.linalg.norm(first)
+        axes = np.column_stack((first, np.cross(each.normal, first)))
+        rays = CIRCLE_M @ axes.T + each.position_m
+        rays /= rays[:, 2:]
+        misfit = np.einsum("ni,ij,nj->n", rays, cone, rays)
+        assert np.abs(misfit).max() < 1e-5, "the cone is 1 or so a radius outside its rim"
+
+
+@given(**PLACES)
+def test_both_poses_are_turned_away_by_the_same_angle(x, y, z, tilt, towards) -> None:
+    _, found = seen_at(x, y, z, tilt, towards)
+    one, other = found.poses
+    assert one.tilt_rad == pytest.approx(other.tilt_rad, abs=1e-6)
+    assert found.tilt_rad == one.tilt_rad
+    middle = (one.position_m + other.position_m) / 2
+    assert middle / np.linalg.norm(middle) == pytest.approx(found.axis, abs=1e-9)
+
+
+def test_scattered_points_give_the_cone_that_fits_them_best() -> None:
+    pose = Pose(position_m=(0.1, 0.0, 1.0), tilt_rad=0.6)
+    shaken = rim(pose) + np.random.default_rng(4).normal(0, 1e-4, (len(CIRCLE_M), 2))
+    found = circle_poses(cone_through(shaken), DIAMETER_M)
+    assert found.distance_m == pytest.approx(math.hypot(0.1, 1.0), rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.empty((0, 2)),
+        np.zeros((20, 2)),
+        np.full((20, 2), np.nan),
+        np.column_stack((np.arange(20), np.arange(20))) / 20,
+        np.column_stack((COARSE_ANGLES - 3, 1 / (COARSE_ANGLES - 3))),
+    ],
+    ids=["none", "one place", "not finite", "a line", "a hyperbola"],
+)
+def test_points_on_no_ellipse_give_no_cone(points) -> None:
+    assert cone_through(points) is None
+
+
+def test_a_cone_that_is_none_has_no_pose() -> None:
+    assert circle_poses(np.diag((1.0, 1.0, 1.0)), DIAMETER_M) is None
+
+
+# The cone around a sphere, from rays that touch it.
+
+SPHERES = {
+    "x": st.floats(-0.6, 0.6),
+    "y": st.floats(-0.6, 0.6),
+    "share": st.floats(0.002, 0.4),
+    "first_rad": st.floats(0, 2 * math.pi),
+    "arc_rad": st.floats(1.5, 2 * math.pi),
+}
+
+
+def _rays(x: float, y: float, half_angle_rad: float | Points, angles_rad: Points) -> Points:
+    """Return where rays at an angle about an axis look to, x and y per unit of depth."""
+    axis = np.array((x, y, 1.0)) / math.sqrt(x * x + y * y + 1)
+    first = np.cross(axis, (0.0, 1.0, 0.0))
+    first /= np.linalg.norm(first)
+    second = np.cross(axis, first)
+    around = np.cos(angles_rad)[:, None] * first + np.sin(angles_rad)[:, None] * second
+    half = np.broadcast_to(half_angle_rad, angles_rad.shape)[:, None]
+    rays = np.cos(half) * axis + np.sin(half) * around
+    return rays[:, :2] / rays[:, 2:]
+
+
+@given(**SPHERES)
+def test_any_arc_of_the_outline_gives_the_sphere_back_exactly(
+    x: float, y: float, share: float, first_rad: float, arc_rad: float
+) -> None:
+    rays = _rays(x, y, math.asin(share), np.linspace(first_rad, first_rad + arc_rad, 24))
+    cone = fit_cone(rays, (x + 0.3 * share, y - 0.2 * share))
+    assert cone is not None
+    assert cone.distance_m(0.03) == pytest.approx(0.03 / share, rel=1e-6)
+    length = math.sqrt(x * x + y * y + 1)
+    assert cone.axis == pytest.approx((x / length, y / length, 1 / length), abs=1e-7)
+
+
+@given(**SPHERES)
+def test_rays_off_the_cone_are_told_by_how_much(
+    x: float, y: float, share: float, first_rad: float, arc_rad: float
+) -> None:
+    half_rad = math.asin(share)
+    angles = np.linspace(first_rad, first_rad + arc_rad, 20)
+    off_rad = 1e-4 * half_rad * np.sin(7 * angles)
+    frame = ConeFrame(with_ones(_rays(x, y, half_rad + off_rad, angles)), (x, y))
+    exact = fit_cone(_rays(x, y, half_rad, angles), (x, y))
+    assert exact is not None
+    assert frame.misses(exact) == pytest.approx(off_rad, abs=0.01 * 1e-4 * half_rad)
+
+
+def test_the_standard_deviation_is_that_of_many_tries() -> None:
+    rng = np.random.default_rng(1)
+    angles, half_rad, noise_rad = np.linspace(0.2, 3.5, 40), 0.05, 2e-4
+    sines, shares = [], []
+    for _ in range(400):
+        rays = with_ones(_rays(0.3, -0.2, half_rad + rng.normal(0, noise_rad, 40), angles))
+        cone = ConeFrame(rays, (0.3, -0.2)).fit()
+        assert cone is not None
+        sines.append(cone.sine)
+        shares.append(cone.sine_share)
+    assert np.std(sines) / math.sin(half_rad) == pytest.approx(noise_rad * np.mean(shares), rel=0.12)
+
+
+@given(x=st.floats(-0.5, 0.5), y=st.floats(-0.5, 0.5), share=st.floats(0.01, 0.4))
+def test_the_outline_is_the_ellipse_that_the_rays_draw(x: float, y: float, share: float) -> None:
+    rays = _rays(x, y, math.asin(share), np.linspace(0, 2 * math.pi, 720, endpoint=False))
+    cone = fit_cone(rays, (x, y))
+    assert cone is not None
+    assert cone.outline_centre == pytest.approx((rays.min(axis=0) + rays.max(axis=0)) / 2, abs=1e-4)
+    reach = np.hypot(*(rays - cone.outline_centre).T)
+    assert cone.half_across == pytest.approx(reach.min(), rel=1e-3)
+
+
+def test_too_few_rays_and_rays_that_form_no_cone_are_refused() -> None:
+    assert fit_cone(np.zeros((5, 2)), (0.0, 0.0)) is None
+    assert fit_cone(np.zeros((20, 2)), (0.0, 0.0)) is None
+    along_a_line = np.column_stack([np.linspace(-0.1, 0.1, 20), np.zeros(20)])
+    assert fit_cone(along_a_line, (0.0, 0.0)) is None
+
+
+def test_a_sphere_beside_the_camera_has_no_outline() -> None:
+    assert math.isinf(SphereCone(axis=(0.995, 0.0, 0.1), sine=0.5, sine_share=1.0).half_across)
+
+
+@given(
+    rays=arrays(
+        np.float64, st.tuples(st.integers(6, 20), st.just(2)), elements=st.floats(-1e6, 1e6, allow_subnormal=False)
+    ),
+    towards=st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
+)
+def test_whatever_the_rays_there_is_a_cone_with_a_distance_or_none(rays: Points, towards: tuple[float, float]) -> None:
+    with np.errstate(all="ignore"):
+        cone = fit_cone(rays, towards)
+    if cone is not None:
+        assert 0 < cone.sine < 1
+        assert 0.03 < cone.distance_m(0.03) < math.inf
+        assert cone.sine_share >= 0

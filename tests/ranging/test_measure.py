@@ -1,21 +1,42 @@
-"""From a detection to a distance."""
+"""From a detection to a distance, a size and a separation, and how sure they are."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus
-from stadimeter.core.measurement import MeasurementStatus
+from stadimeter.core.camera_model import CameraModel, LensUncertainty
+from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
+from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.ranging.ball import BallShape
-from stadimeter.ranging.flat import SheetShape
-from stadimeter.ranging.measure import measure
+from stadimeter.ranging.flat import CirclesShape, SheetShape, TagShape, UprightShape
+from stadimeter.ranging.measure import (
+    DRAWN_SIGMA_PX,
+    DrawnBox,
+    SeenTarget,
+    box_size_at,
+    direction_sigmas_rad,
+    measure,
+    separation,
+    sigma_parts,
+    size_at,
+)
+from stadimeter.ranging.plane_pose import rectangle
+from stadimeter.ranging.similar_triangles import distance_m, expect, farthest_m
+from support.corners import detection_of_corners
+
+pytestmark = pytest.mark.vision
+
+
+# From a detection to a distance.
 
 LETTER = SheetShape(width_m=0.2794, height_m=0.2159)
 Seen = Callable[..., Detection]
@@ -146,3 +167,311 @@ def test_an_edge_bias_that_is_not_known_counts_at_both_edges_and_is_no_noise(
     assert unknown.noise_m == known.noise_m
     added_m = math.sqrt(unknown.sigma_m**2 - known.sigma_m**2)
     assert added_m == pytest.approx(2 * sigma_px / width_px * known.distance_m, rel=1e-3)
+
+
+# The formula.
+
+INCH_M = 0.0254
+LENGTHS = st.floats(1e-3, 1e3)
+
+
+def test_the_worked_example() -> None:
+    assert distance_m(541.09, 11 * INCH_M, 170) / INCH_M == pytest.approx(35.0, abs=0.05)
+
+
+@given(apparent_px=LENGTHS, focal_px=LENGTHS, size_m=LENGTHS)
+def test_half_as_large_is_twice_as_far(apparent_px: float, focal_px: float, size_m: float) -> None:
+    assert distance_m(focal_px, size_m, apparent_px / 2) == pytest.approx(2 * distance_m(focal_px, size_m, apparent_px))
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, math.nan, math.inf])
+def test_sizes_that_are_none_are_refused(wrong: float) -> None:
+    for values in ((wrong, 1.0, 1.0), (1.0, wrong, 1.0), (1.0, 1.0, wrong)):
+        with pytest.raises(ValueError, match="is not a finite number above zero"):
+            distance_m(*values)
+
+
+# The size of what is seen at a known distance.
+
+
+@pytest.mark.parametrize("taken_for_m", [0.05, 0.2])
+def test_a_ball_has_its_true_size_whatever_it_is_taken_for(
+    taken_for_m: float, seen_ball: Callable[..., Detection], camera: CameraModel
+) -> None:
+    found = seen_ball((0.3, 0.1, 1.5), 0.06, sigma_px=0.3)
+    shape = BallShape(diameter_m=taken_for_m, relative_sigma=0.5)
+    known = replace(camera, focal_relative_sigma=0.01)
+    measured = measure(found, shape, known, 0.0)
+    parts = sigma_parts(measured, shape, known)
+    assert parts is not None
+    size = size_at(measured, parts, shape, False, (math.hypot(0.3, 0.1, 1.5), 0.03))
+    assert size is not None
+    assert size.width_m == size.height_m == pytest.approx(0.12, rel=1e-3)
+    edges = 0.3 / found.width_px
+    assert size.width_sigma_m / size.width_m == pytest.approx(math.hypot(0.01, 0.03 / 1.533, edges), rel=0.02)
+
+
+def test_a_box_is_as_large_as_similar_triangles_say(camera: CameraModel) -> None:
+    box = DrawnBox(camera.cx_px - 60, camera.cy_px - 30, 120, 60)
+    size = box_size_at(box, camera, (2.0, 0.0))
+    assert (size.width_m, size.height_m) == pytest.approx((0.4, 0.2))
+    assert size.width_sigma_m == pytest.approx(math.sqrt(2) * DRAWN_SIGMA_PX / 600 * 2)
+    sure, unsure = (box_size_at(box, replace(camera, focal_relative_sigma=s), (2.0, 0.02)) for s in (0.0, 0.03))
+    assert sure.width_sigma_m < unsure.width_sigma_m
+
+
+def test_aside_the_straight_line_is_longer_than_the_depth(camera: CameraModel) -> None:
+    middle, aside = (
+        DrawnBox(camera.cx_px - 30, camera.cy_px - 30, 60, 60),
+        DrawnBox(camera.cx_px + 220, camera.cy_px - 30, 60, 60),
+    )
+    ahead, beside = (box_size_at(box, camera, (2.0, 0.02)).width_m for box in (middle, aside))
+    assert beside == pytest.approx(ahead / math.hypot(1, 250 / 600), rel=1e-3)
+
+
+# How far two targets are apart, and how sure that and their directions are.
+
+LENS = CameraModel(
+    width_px=640,
+    height_px=480,
+    fx_px=612.0,
+    fy_px=610.0,
+    cx_px=315.0,
+    cy_px=246.0,
+    distortion=(-0.2, 0.06, 0.001, -0.0005, 0.0),
+)
+TAG = TagShape(side_m=0.08, relative_sigma=0.01)
+SIGMA_PX = 0.1
+PLACES_M = np.array(((-0.25, -0.1, 0.8), (0.3, 0.15, 1.1)))
+
+
+def seen_tag(place_m: np.ndarray, model: CameraModel, rng: np.random.Generator, side_m: float = 0.08) -> SeenTarget:
+    """Return a tag that is seen through `LENS` with noise, and measured through another model."""
+    turn, _ = cv2.Rodrigues(rng.uniform(-0.5, 0.5, 3))
+    there = (rectangle(side_m, side_m) * (1, -1, 1)) @ turn.T + place_m
+    corners_px = LENS.project(there[:, :2] / there[:, 2:]) + rng.normal(0, SIGMA_PX / np.sqrt(2), (4, 2))
+    found = detection_of_corners(corners_px, SIGMA_PX, "tag")
+    return SeenTarget(detection=found, measurement=measure(found, TAG, model, 0.0), shape=TAG)
+
+
+def wrong_lens(rng: np.random.Generator) -> CameraModel:
+    """Return a model that errs as its uncertainty says."""
+    sigmas = (4.0, 4.0, 2.0, 2.0, 0.01, 0.02, 0.001, 0.001, 0.0)
+    correlations = (0.9, *(0.0,) * 35)  # of fx and fy
+    uncertainty = LensUncertainty(sigmas=sigmas, correlations=correlations)
+    off = rng.multivariate_normal(np.zeros(9), uncertainty.covariance())
+    fx, fy, cx, cy = np.array([LENS.fx_px, LENS.fy_px, LENS.cx_px, LENS.cy_px]) + off[:4]
+    distortion = tuple(float(each) for each in np.array(LENS.distortion) + off[4:])
+    return replace(LENS, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, distortion=distortion, uncertainty=uncertainty)
+
+
+def test_the_interval_of_a_separation_holds() -> None:
+    true_m = float(np.linalg.norm(PLACES_M[1] - PLACES_M[0]))
+    missed = []
+    for seed in range(120):
+        rng = np.random.default_rng(seed)
+        model = wrong_lens(rng)
+        side_m = 0.08 * (1 + rng.normal(0, 0.01))  # of both: they are printed alike
+        found = separation(*(seen_tag(place_m, model, rng, side_m) for place_m in PLACES_M), model)
+        assert found is not None
+        missed.append((found.distance_m - true_m) / found.sigma_m)
+    inside = np.mean(np.abs(missed) < 1.96)
+    assert 0.91 <= inside <= 0.99
+    assert 0.8 < np.std(missed) < 1.25
+
+
+def test_the_intervals_of_a_direction_hold() -> None:
+    x, y, z = PLACES_M[1]
+    true = np.array((np.arctan2(x, z), -np.arctan2(y, np.hypot(x, z))))
+    missed = []
+    for seed in range(120):
+        rng = np.random.default_rng(seed)
+        model = wrong_lens(rng)
+        target = seen_tag(PLACES_M[1], model, rng)
+        sigmas = direction_sigmas_rad(target, model)
+        assert sigmas is not None
+        measured = np.array((target.measurement.bearing_rad, target.measurement.elevation_rad))
+        missed.append((measured - true) / sigmas)
+    assert all(0.9 <= share <= 0.99 for share in (np.abs(missed) < 1.96).mean(axis=0))
+
+
+def test_a_common_error_of_the_focal_length_hardly_moves_targets_beside_each_other() -> None:
+    rng = np.random.default_rng(1)
+    model = replace(LENS, focal_relative_sigma=0.05)
+    beside = [seen_tag(np.array((x_m, 0.0, 1.0)), model, rng) for x_m in (-0.2, 0.2)]
+    behind = [seen_tag(np.array((0.0, 0.0, z_m)), model, rng) for z_m in (0.6, 1.0)]
+    shares = [found.sigma_m / found.distance_m for pair in (beside, behind) if (found := separation(*pair, model))]
+    assert shares[0] < 0.02
+    assert shares[1] == pytest.approx(0.05, abs=0.015)
+
+
+def test_without_two_measurements_there_is_none() -> None:
+    one = seen_tag(PLACES_M[0], LENS, np.random.default_rng(0))
+    gone = Detection(target="tag", status=DetectionStatus.NOT_FOUND, reason="no tag")
+    other = SeenTarget(detection=gone, measurement=measure(gone, TAG, LENS, 0.0), shape=TAG)
+    assert separation(one, other, LENS) is None
+    assert direction_sigmas_rad(other, LENS) is None
+
+
+# What a standard deviation is made up of.
+
+CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
+SEEN = Detection(
+    target="ball",
+    status=DetectionStatus.FOUND,
+    centre_px=(300.0, 200.0),
+    width_px=40.0,
+    height_px=40.0,
+    size_sigma_px=0.1,
+)
+
+
+@given(noise_px=st.floats(0.001, 2.0), focal_share=st.floats(0.0, 0.1), size_share=st.floats(0.0, 0.1))
+def test_the_squares_of_the_parts_add_up_to_the_square_of_the_whole(
+    noise_px: float, focal_share: float, size_share: float
+) -> None:
+    camera = replace(CAMERA, focal_relative_sigma=focal_share)
+    size = BallShape(diameter_m=0.1, relative_sigma=size_share)
+    measured = measure(replace(SEEN, size_sigma_px=noise_px), size, camera, 0.0)
+    parts = sigma_parts(measured, size, camera)
+    assert parts is not None
+    whole_m = math.hypot(parts.edges_m, parts.focal_length_m, parts.size_m, parts.pose_m)
+    assert whole_m == pytest.approx(measured.sigma_m)
+    assert parts.focal_length_m == pytest.approx(focal_share * measured.distance_m)
+    assert parts.size_m == pytest.approx(size_share * measured.distance_m)
+
+
+def test_a_cause_that_is_not_there_is_exactly_zero() -> None:
+    camera = replace(CAMERA, focal_relative_sigma=0.0123)
+    size = BallShape(diameter_m=0.1)
+    parts = sigma_parts(measure(SEEN, size, camera, 0.0), size, camera)
+    assert parts is not None
+    assert parts.pose_m == 0.0
+    assert parts.size_m == 0.0
+
+
+def test_what_is_left_is_the_pose() -> None:
+    measured = Measurement(
+        target="tag", status=MeasurementStatus.MEASURED, captured_at_s=0.0, distance_m=1.0, sigma_m=0.05, noise_m=0.03
+    )
+    parts = sigma_parts(measured, BallShape(diameter_m=0.1), CAMERA)
+    assert parts is not None
+    assert parts.pose_m == pytest.approx(0.04)
+
+
+def test_without_a_distance_there_is_nothing_to_divide() -> None:
+    missed = Measurement(target="ball", status=MeasurementStatus.NOT_FOUND, captured_at_s=0.0, reason="no blob")
+    assert sigma_parts(missed, BallShape(diameter_m=0.1), CAMERA) is None
+
+
+# What a camera and a target can do at a distance is known before anything is bought.
+
+TENNIS = BallShape(diameter_m=0.067)
+PAPER = SheetShape(width_m=0.297, height_m=0.21)
+
+
+def test_a_tennis_ball_at_ten_metres_is_four_pixels_wide() -> None:
+    expected = expect(TENNIS, CAMERA, 10.0)
+    assert expected.size_px == pytest.approx(4.02, abs=0.01)
+    assert expected.sigma_m == pytest.approx(10 * (0.85 / 2.01) / 4.02, rel=0.02)
+    assert not expected.is_reliable
+
+
+def test_three_circles_are_as_large_as_one_of_them() -> None:
+    mark = CirclesShape(diameter_m=0.05, spacing_m=0.1)
+    assert expect(mark, CAMERA, 3.0).size_px == pytest.approx(10.0, rel=1e-3), "each disc must be found"
+
+
+def test_a_sheet_is_as_small_as_its_shorter_side() -> None:
+    assert expect(PAPER, CAMERA, 2.0).size_px == pytest.approx(63.0)
+
+
+def test_a_ball_appears_as_large_as_its_outline(seen_ball: Callable[..., Detection]) -> None:
+    seen = seen_ball((0.0, 0.0, 0.3), 0.1)
+    assert expect(BallShape(diameter_m=0.2), CAMERA, 0.3).size_px == pytest.approx(seen.width_px, rel=1e-3)
+
+
+@given(size=st.sampled_from([TENNIS, PAPER]), distance_m=st.floats(0.3, 20.0))
+def test_further_away_is_smaller_and_less_sure(size: TargetShape, distance_m: float) -> None:
+    near, far = expect(size, CAMERA, distance_m), expect(size, CAMERA, 1.5 * distance_m)
+    assert far.size_px < near.size_px
+    assert far.sigma_m > 2 * near.sigma_m
+
+
+@given(size=st.sampled_from([TENNIS, PAPER]), size_px=st.floats(5, 200))
+def test_the_farthest_distance_is_where_the_size_is_reached(size: TargetShape, size_px: float) -> None:
+    assert expect(size, CAMERA, farthest_m(size, CAMERA, size_px)).size_px == pytest.approx(size_px)
+
+
+def test_an_unsure_focal_length_makes_the_distance_unsure_but_not_noisy() -> None:
+    unsure = replace(CAMERA, focal_relative_sigma=0.1)
+    expected = expect(PAPER, unsure, 2.0)
+    assert expected.sigma_m == pytest.approx(0.2, rel=0.01)
+    assert expected.noise_m == expect(PAPER, CAMERA, 2.0).noise_m == expect(PAPER, CAMERA, 2.0).sigma_m
+
+
+@pytest.mark.parametrize("distance_m", [0.0, -1.0, math.nan, math.inf])
+def test_a_distance_that_is_none_is_refused(distance_m: float) -> None:
+    with pytest.raises(ValueError, match="is not a finite number above zero"):
+        expect(TENNIS, CAMERA, distance_m)
+
+
+# The shape of an upright thing of one known length.
+
+BENT = CameraModel(
+    width_px=640, height_px=480, fx_px=600.0, fy_px=600.0, cx_px=319.5, cy_px=239.5, distortion=(-0.2, 0.05, 0.0, 0.0)
+)
+
+
+def seen_length(camera: CameraModel, ends_m: Any, known: str) -> Detection:
+    """Return the detection of a length whose ends are at two places in the camera frame."""
+    ends = np.array(ends_m, np.float64)
+    (x, y), (other_x, other_y) = camera.project(ends[:, :2] / ends[:, 2:])
+    long_px = math.hypot(other_x - x, other_y - y)
+    return Detection(
+        target="it",
+        status=DetectionStatus.FOUND,
+        centre_px=((x + other_x) / 2, (y + other_y) / 2),
+        width_px=long_px if known != "height" else long_px / 3,
+        height_px=long_px if known == "height" else long_px / 3,
+        size_sigma_px=0.04 * long_px,
+    )
+
+
+@pytest.mark.parametrize("camera", [CAMERA, BENT], ids=["straight", "bent"])
+@pytest.mark.parametrize("place_m", [(0.0, 0.0, 4.0), (1.5, 0.3, 4.0), (-1.8, -0.2, 5.0)])
+@pytest.mark.parametrize(("known", "length_m"), [("height", 1.72), ("width", 0.5)])
+def test_a_length_square_to_the_axis_is_exact_anywhere_in_the_picture(
+    camera: CameraModel, place_m: tuple[float, float, float], known: str, length_m: float
+) -> None:
+    half = np.array((0.0, length_m / 2, 0.0) if known == "height" else (length_m / 2, 0.0, 0.0))
+    ends_m = np.array(place_m) + np.stack((-half, half))
+    shape = UprightShape(known=known, length_m=length_m)
+    reading = shape.locate(seen_length(camera, ends_m, known), camera)
+    assert reading.position_m == pytest.approx(place_m, rel=0.01, abs=0.03)
+
+
+@pytest.mark.parametrize("bearing_deg", [0, 15, 25])
+def test_eyes_that_look_at_the_camera_are_at_their_distance_beside_the_axis_too(bearing_deg: float) -> None:
+    turn = math.radians(bearing_deg)
+    middle = np.array((math.sin(turn), 0.0, math.cos(turn))) * 1.2
+    across = np.array((math.cos(turn), 0.0, -math.sin(turn))) * 0.0317
+    shape = UprightShape(known="eye_distance", length_m=0.0634)
+    reading = shape.locate(seen_length(CAMERA, np.stack((middle - across, middle + across)), "eye_distance"), CAMERA)
+    assert math.hypot(*reading.position_m) == pytest.approx(1.2, rel=0.002)
+    assert reading.noise_share == pytest.approx(0.04)
+
+
+def test_the_spread_of_sizes_stays_and_the_noise_of_the_box_does_not() -> None:
+    shape = UprightShape(known="height", length_m=1.72, relative_sigma=0.07 / 1.72, box_sigma=0.04)
+    measured = measure(seen_length(CAMERA, [(0, -0.86, 4), (0, 0.86, 4)], "height"), shape, CAMERA, 0.0)
+    parts = sigma_parts(measured, shape, CAMERA)
+    assert parts.size_m == pytest.approx(4.0 * 0.07 / 1.72)
+    assert parts.edges_m == measured.noise_m == pytest.approx(0.04 * 4.0)
+    assert parts.pose_m == 0.0
+
+
+def test_a_shape_says_what_is_known_of_it_and_how_exactly_it_may_be_seen() -> None:
+    assert UprightShape(known="height", length_m=1.72).label == "thing with a height of 1.72 m"
+    assert UprightShape(known="eye_distance", length_m=0.063).label == "thing with an eye distance of 0.063 m"
+    assert UprightShape(known="height", length_m=1.72, box_sigma=0.04).size_sigma_px(200.0) == pytest.approx(8.0)

@@ -1,10 +1,36 @@
-"""The robot follows the ball through real serial bytes, and stops when it cannot see."""
+"""Robots follow the ball through real bytes and pins, as well as is said, and stop when they cannot see."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+from stadimeter.app.bootstrap import build
 from stadimeter.app.guard import REST_S, RESTING
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.command import TwistCommand
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import SafetyMode
+from support.following import (
+    follow,
+    is_within_limits,
+    out_of_sight_s,
+    random_walk,
+    rms,
+    stands,
+    swaying_path,
+    sways,
+    walks_away,
+)
+from support.simulated_run import SIMULATED_BALL
+
+# The robot follows the ball through real serial bytes, and stops when it cannot see.
 
 STILL_BALL = """
 path = [{ at = "0 s", x = "2.2 m", y = "0.5 m" }]
@@ -141,3 +167,229 @@ def test_at_the_end_of_a_run_the_wheels_stand(scenario):
     before_mps = run.base_speeds(1.4, 1.6)[-1]
     assert before_mps > 0.2
     assert all(0 <= speed_mps < before_mps / 2 for speed_mps in run.world.robot.wheels_mps), "they run down"
+
+
+# How well a base follows, through the whole program: one with lagging wheels, and one that obeys at once.
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+@pytest.fixture(params=["emulated", "ideal"])
+def base(request):
+    return request.param
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("latency_ms", [30, 190])
+def test_a_step_of_half_a_metre_is_settled_within_2_5_s_and_standing_stays_within_two_per_cent(
+    base, latency_ms, tmp_path
+):
+    moments = follow(tmp_path, 12, stands(1.5), base=base, latency_ms=latency_ms)
+    assert max((each.at_s for each in moments if abs(each.gap_m - 1) > 0.1), default=0.0) <= 2.5
+    assert min(each.gap_m for each in moments) >= 0.95
+    assert rms([each.gap_m - 1 for each in moments if each.at_s > 6]) <= 0.02
+    assert is_within_limits(moments)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("latency_ms", [30, 190])
+def test_behind_a_ball_that_walks_away_it_stays_within_5_cm(base, latency_ms, tmp_path):
+    moments = follow(tmp_path, 12, walks_away, base=base, latency_ms=latency_ms)
+    assert rms([each.gap_m - 1 for each in moments if each.at_s > 5]) <= 0.05
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("latency_ms", [30, 190])
+def test_a_ball_that_goes_to_and_fro_and_sways_is_kept_within_10_cm_and_never_at_half_the_distance(
+    base, latency_ms, tmp_path
+):
+    moments = follow(tmp_path, 35, sways, base=base, latency_ms=latency_ms)
+    assert rms([each.gap_m - 1 for each in moments if each.at_s > 5]) <= {30: 0.10, 190: 0.11}[latency_ms]
+    assert min(each.gap_m for each in moments) > 0.5
+    assert is_within_limits(moments)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("latency_ms", [30, 190])
+def test_the_follow_ball_configuration_stays_further_than_half_the_distance_from_a_ball_at_half_a_metre_a_second(
+    latency_ms, tmp_path
+):
+    shipped = tomllib.loads((REPOSITORY / "config" / "follow-ball.toml").read_text())
+    table = shipped["rules"]["follow"]["follow"]
+    keys = ", ".join(f'{key} = "{value}"' for key, value in table.items())
+    for path in (sways, swaying_path(1), swaying_path(2)):
+        moments = follow(tmp_path, 35, path, latency_ms=latency_ms, rule=keys, most=shipped["base"]["max_speed"])
+        assert min(each.gap_m for each in moments) > 0.5
+
+
+@pytest.mark.long
+def test_a_ball_that_is_hidden_for_a_second_is_followed_again_within_1_5_s(base, tmp_path):
+    moments = follow(tmp_path, 8, walks_away, base=base, hidden=lambda at_s: 4 <= at_s < 5)
+    (span_s,) = out_of_sight_s(moments)
+    assert span_s <= 1.5
+    assert abs(moments[-1].gap_m - 1) < 0.1
+
+
+@pytest.mark.long
+def test_a_ball_that_leaves_the_view_is_found_within_8_s(base, tmp_path):
+    moments = follow(tmp_path, 14, lambda at_s: (1.0, 0.0) if at_s < 2 else (-0.6, 0.8), base=base)
+    (span_s,) = out_of_sight_s(moments)
+    assert span_s <= 8.0
+    assert any("search_begun" in each.events for each in moments)
+
+
+@pytest.mark.long
+def test_on_random_walks_it_runs_into_nothing_and_finds_its_ball_again(base, tmp_path):
+    for seed in (101, 102):
+        moments = follow(tmp_path, 60, random_walk(seed, 60), base=base)
+        assert min(each.gap_m for each in moments) > 0.5
+        assert is_within_limits(moments)
+        assert all(span_s <= 8.0 for span_s in out_of_sight_s(moments))
+
+
+# The simulated robot is the one that its base describes.
+
+LINEAR_MPS, ANGULAR_RADPS = 0.3, 0.5
+
+
+def driven(folder: Path, driver: str, world: str = "") -> tuple[float, float]:
+    """Command a base for 2 s, and return how fast its robot then moves, in m/s and rad/s."""
+    path = folder / "robot.toml"
+    path.write_text(
+        f"""{SIMULATED_BALL}
+[base]
+driver = "{driver}"
+port = "emulated-{driver}"
+wheel_diameter = "6.5 cm"
+ticks_per_turn = 1440
+track_width = "16 cm"
+
+[rules.follow]
+actuator = "base"
+follow = {{ distance = "1 m", max_speed = "0.4 m/s" }}
+
+[world]
+{world}
+"""
+    )
+    parts = build(load_configuration(path), speed=None)
+    clock, robot = parts.clock, parts.shared.parts["world"].robot
+    (output,) = (each for each in parts.outputs if each.name == "base")
+    output.open()
+    for _ in range(40):
+        command = {"linear_mps": LINEAR_MPS, "angular_radps": ANGULAR_RADPS, "captured_at_s": clock.now_s()}
+        output.apply(TwistCommand(output="base", **command))
+        clock.sleep_until_s(clock.now_s() + 0.05)
+        output.check(clock.now_s())
+    left_mps, right_mps = robot.wheels_mps
+    output.close()
+    for close in reversed(parts.shared.closers):
+        close()
+    return (left_mps + right_mps) / 2, (right_mps - left_mps) / robot.track_width_m
+
+
+@pytest.mark.parametrize("driver", ["roboclaw", "ros-arduino-bridge"])
+def test_an_emulated_robot_moves_as_commanded_whatever_wheels_its_base_says_it_has(tmp_path: Path, driver: str) -> None:
+    # A command is rounded to whole ticks.
+    assert driven(tmp_path, driver) == pytest.approx((LINEAR_MPS, ANGULAR_RADPS), rel=0.05)
+
+
+def test_a_robot_that_differs_from_what_its_base_says_is_written_in_its_world(tmp_path: Path) -> None:
+    half = f"ticks_per_metre = {1440 / (3.14159 * 0.065) / 2}"
+    linear_mps, _ = driven(tmp_path, "roboclaw", half)
+    assert linear_mps == pytest.approx(2 * LINEAR_MPS, rel=0.02)
+
+
+# Cars whose motors hang on pins, or on the channels of a chip: they follow, and the *wheels* stop.
+
+PAGE = (Path(__file__).parents[2] / "docs" / "robots.md").read_text(encoding="utf-8")
+(PRACTICE,) = re.findall(r"<!-- file: practice.toml -->\n```toml\n(.*?)```", PAGE, re.DOTALL)
+PINS = re.compile(r'^driver = "gpio-motors"\nport = .*\nleft = .*\nright = .*\n', re.MULTILINE)
+# What differs between cars is behind their decisions: the first looks at pictures that are drawn, the others need none.
+UNDRAWN = re.sub(
+    r'detector = "ball"\n(?:\w+ = .*\n)+', 'detector = "ideal"\n', PRACTICE.replace("\n\n", "\nrender = false\n\n", 1)
+)
+CARS = {
+    "pins": PRACTICE,
+    "coasting": UNDRAWN.replace("[rules.follow]", 'brake = "0 s"\n\n[rules.follow]'),
+    "chip": PINS.sub('driver = "pca9685"\nport = "emulated-pca9685"\nboard = "freenove-4wd"\n', UNDRAWN),
+}
+
+# Of the wheel: below this it stands. It is a hundredth of the speed that it had.
+STANDS_MPS = 0.003
+
+
+class Car:
+    """A run, and for how long its wheels turned after something went wrong."""
+
+    def __init__(self, scenario: Callable[..., Any], text: str) -> None:
+        self.run = scenario(text=text)
+        self.stood_s: float | None = None
+        self._wrong_s = 0.0
+        self.run.loop.parts.clock.call_every(0.005, self._look)
+
+    def begin_at(self, time_s: float, fault: str) -> None:
+        def begin() -> None:
+            self._wrong_s = self.run.world.now_s
+            setattr(self.run.world.faults, fault, True)
+
+        self.run.at(time_s, begin)
+
+    def _look(self, now_s: float) -> None:
+        stands = max(map(abs, self.run.world.robot.wheels_mps)) < STANDS_MPS
+        if not self._wrong_s or not stands:
+            self.stood_s = None
+        elif self.stood_s is None:
+            self.stood_s = now_s - self._wrong_s
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("car", CARS)
+def test_the_car_drives_to_one_metre_from_the_ball_and_faces_it(scenario: Callable[..., Any], car: str) -> None:
+    run = scenario(text=CARS[car]).run(15)
+    track = run.records[-1].decision.tracks[0]
+    assert run.world.distance_m() == pytest.approx(1.0, abs=0.05)
+    assert abs(track.bearing_rad) < 0.06
+    assert max(map(abs, run.world.robot.wheels_mps)) < STANDS_MPS
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("car", "fault"),
+    [("pins", "camera_blocked"), ("coasting", "target_hidden"), ("chip", "camera_frozen"), ("chip", "target_hidden")],
+)
+def test_the_wheels_of_a_car_stand_within_half_a_second_after_something_went_wrong(
+    scenario: Callable[..., Any], car: str, fault: str
+) -> None:
+    stays = CARS[car].replace('max_speed = "0.3 m/s" }', 'max_speed = "0.3 m/s", search = "off" }')
+    tried = Car(scenario, stays)
+    tried.begin_at(2.0, fault)
+    tried.run.run(4.0)
+    assert min(tried.run.base_speeds(1.5, 2.0)) > 0.1, "it drove"
+    assert tried.stood_s is not None, "the wheels still turn"
+    # Motors that coast roll out with a time constant of 0.15 s, until a hundredth of their speed is left.
+    coasting_s = 0.15 * math.log(100) if car == "coasting" else 0.0
+    assert tried.stood_s <= 0.5 + coasting_s
+
+
+def test_a_chip_whose_cable_comes_off_goes_on_until_the_link_is_back_and_is_then_stopped(
+    scenario: Callable[..., Any],
+) -> None:
+    """Nothing can stop it without the cable; what the program does is to notice, and to stop it first of all."""
+    tried = Car(scenario, CARS["chip"])
+    tried.begin_at(2.0, "base_unplugged")
+
+    def plug_in() -> None:
+        assert max(tried.run.world.robot.wheels_mps) > 0.1
+        tried.run.world.faults.base_unplugged = False
+
+    tried.run.at(3.0, plug_in)
+    tried.run.run(3.5)
+    faults = [
+        event
+        for record in tried.run.records
+        for event in record.decision.events
+        if event.source == "base" and event.kind == "fault"
+    ]
+    assert faults[0].at_s - 2.0 <= 0.1
+    assert "does not answer" in faults[0].reason

@@ -1,7 +1,4 @@
-"""Alarms that are raised while the broker is away outlive the sudden end of the program: real broker, real processes.
-
-``STADIMETER_KILLS=50 pytest tests/scenario/test_nothing_is_lost.py -m long -s`` measures the figure in docs/mqtt.md.
-"""
+"""What a broker has of a run that ends suddenly, and keeps of rules that are gone: real broker, real processes."""
 
 import json
 import os
@@ -22,6 +19,9 @@ from support.simulated_run import SIMULATED_BALL
 from support.tunnel import Tunnel
 
 pytestmark = needs("mosquitto")
+
+
+# Alarms that are raised while the broker is away outlive the sudden end of the program: real broker, real processes.
 
 KILLS = int(os.environ.get("STADIMETER_KILLS", "3"))
 # A last resort: the figure that is printed is that of the documentation, at a machine that is not busy.
@@ -157,3 +157,102 @@ def test_what_a_run_without_a_state_file_could_not_deliver_is_counted_and_said_a
     lost = len(site.events("first.jsonl"))
     said = (site.folder / "first.jsonl.txt").read_text()
     assert f"warning: while ending: given up: {lost} messages (127.0.0.1:{site.tunnel.port} refused" in said
+
+
+# What a broker keeps of a whole program says no more than is known: real broker, real processes, no state file.
+
+BASE = "stadimeter/it"
+RULE = """
+[rules.{name}]
+when = {{ below = "2 m" }}
+off_delay = "0 s"
+
+[[rules.{name}.escalation]]
+topic = "{name}/door"
+text = "open"
+retain = true
+"""
+
+
+class ChangingSite:
+    """A broker with a subscriber, and a configuration that can be changed."""
+
+    def __init__(self, folder, broker, listener):
+        self.folder = folder
+        self.broker = broker
+        self.listener = listener
+        self.configuration = folder / "run.toml"
+
+    def write(self, *rules, path='{ at = "0 s", x = "1 m", y = "0 m" }', world=""):
+        messenger = f'[messenger]\ndriver = "mqtt"\nport = {self.broker.port}\nnode = "it"\n'
+        where = f"[world]\nloop = false\npath = [{path}]\n{world}"
+        self.configuration.write_text(
+            SIMULATED_BALL + messenger + where + "".join(RULE.format(name=name) for name in rules)
+        )
+
+    @contextmanager
+    def running(self):
+        command = [sys.executable, "-m", "stadimeter", "run", self.configuration]
+        with (self.folder / "words.txt").open("wb") as words:
+            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=words, stderr=words)
+        try:
+            yield process
+        finally:
+            process.kill()
+            process.wait()
+
+    def heard(self, rule, what):
+        return self.listener.payloads(f"{BASE}/rule/{rule}/{what}")
+
+    def is_active(self, rule):
+        payloads = self.heard(rule, "state")
+        return json.loads(payloads[-1])["active"] if payloads and payloads[-1] else None
+
+
+@pytest.fixture
+def changing_site(tmp_path):
+    broker = MosquittoBroker(tmp_path)
+    broker.start()
+    try:
+        with MqttListener(broker.port) as listener:
+            yield ChangingSite(tmp_path, broker, listener)
+    finally:
+        broker.stop()
+
+
+def run_until_raised(changing_site, end):
+    with changing_site.running() as process:
+        eventually(lambda: changing_site.is_active("near"))
+        eventually(lambda: changing_site.listener.payloads(f"{BASE}/near/door"))
+        eventually(lambda: any("near" in page for page in changing_site.listener.payloads(f"{BASE}/retained/it/0")))
+        process.send_signal(end)
+        process.wait()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM])
+def test_a_rule_that_is_renamed_between_two_runs_leaves_nothing_at_the_broker(changing_site, end):
+    changing_site.write("near")
+    run_until_raised(changing_site, end)
+    changing_site.write("nearer")
+    with changing_site.running():
+        eventually(lambda: changing_site.is_active("nearer"))
+        eventually(lambda: changing_site.listener.payloads(f"{BASE}/near/door")[-1] == "")
+        eventually(lambda: changing_site.heard("near", "state")[-1] == "")
+        eventually(lambda: changing_site.heard("near", "availability")[-2:] == ["offline", ""])
+        assert changing_site.heard("nearer", "availability")[-1] == "online"
+
+
+@pytest.mark.long
+def test_a_state_of_an_earlier_run_is_not_shown_as_known_while_the_next_one_opens_its_camera(changing_site):
+    changing_site.write("near")
+    run_until_raised(changing_site, signal.SIGKILL)
+    assert changing_site.heard("near", "availability")[-1] == "online"
+    count = len(changing_site.listener.heard)
+
+    def of_rule():
+        return [each.payload for each in changing_site.listener.heard[count:] if "/rule/near/" in each.topic]
+
+    with changing_site.running():
+        eventually(of_rule)
+    assert of_rule()[0] == "offline"

@@ -1,10 +1,40 @@
-"""Rules, messages and journals in whole runs."""
+"""Rules, sensors and several targets in whole runs."""
+
+from __future__ import annotations
 
 import json
+import math
+from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
+from msgspec.structs import replace
+from typer.testing import CliRunner
 
+from stadimeter.app.bootstrap import build
+from stadimeter.app.cycle import CycleRecord
+from stadimeter.app.loop import Loop
+from stadimeter.app.recordings.journal import read_journal
+from stadimeter.cli.main import app
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.decision import EventKind
+from stadimeter.core.detection import Detection, Prediction
+from stadimeter.core.frame import Frame
+from stadimeter.workbench.rule_tests.running import run_rule_test
+from support.recordings import records_of
+from support.scenes.backdrop import PlainBackdrop
+from support.scenes.ball import BallTarget
+from support.scenes.cut_sheet import GroupTarget
+from support.scenes.render import render
+from support.scenes.scene import Scene
 from support.simulated_run import SIMULATED_BALL
+
+pytestmark = [pytest.mark.vision, pytest.mark.timeout(180)]
+
+
+# Rules, messages and journals in whole runs.
 
 STANDING = (
     SIMULATED_BALL
@@ -105,3 +135,218 @@ def test_every_command_that_moves_something_names_a_fresh_frame(standing):
             if command.level:
                 assert record.observation.now_s - command.captured_at_s <= 0.2 + 1e-6
     assert set(levels(run, "motor", 4.3, 5.0)) == {0.0}
+
+
+# Range sensors in a run: a target of their own, a second opinion on another, and what keeps the robot from bumping.
+
+BALL = 'path = [{ at = "0 s", x = "2.2 m", y = "0 m" }]\nloop = false\n'
+FRONT = '[sensors.front]\ndriver = "simulated"\nmax_range = "4 m"\n'
+
+
+def test_a_sensor_is_a_target_that_rules_may_watch(scenario):
+    rule = '[rules.close]\nactuator = "buzzer"\npriority = 300\ntarget = "front"\nwhen = { below = "1.5 m" }\n'
+    run = scenario(BALL + FRONT + rule).run(8)
+    front = run.records[-1].decision.tracks[1]
+    assert front.target == "front"
+    assert front.distance_m == pytest.approx(run.world.distance_m() - 0.1, abs=0.02)
+    assert ("close", "raised") in run.events()
+
+
+@pytest.mark.long
+def test_a_base_stands_while_something_is_nearer_than_its_sensor_allows_whatever_the_rules_want(scenario):
+    run = scenario(BALL + FRONT + 'stop_below = "1.5 m"\n').run(15)
+    assert run.world.distance_m() - 0.1 == pytest.approx(1.5, abs=0.1), "the rule wants to go on to 1 m"
+    assert ("base", "fault") in run.events()
+
+
+def test_a_sensor_that_falls_silent_stops_the_base_it_watches_over(scenario):
+    faults = 'faults = [{ at = "1.5 s", for = "2 s", kind = "silence-sensors" }]\n'
+    run = scenario(BALL + faults + FRONT + 'stop_below = "50 cm"\n').run(15)
+    assert min(run.base_speeds(1.0, 1.5)) > 0.2
+    assert set(run.base_speeds(1.7, 3.5)) <= {0.0}
+    assert run.world.distance_m() == pytest.approx(1.0, abs=0.05), "it drives on when the sensor answers again"
+
+
+def test_a_sensor_that_confirms_a_target_makes_it_surer(scenario):
+    alone = scenario(BALL + FRONT).run(3).records[-1]
+    joined = scenario(BALL + FRONT + 'confirms = "ball"\nto_centre = "10 cm"\n').run(3).records[-1]
+    assert joined.decision.tracks[0].sigma_m < alone.decision.tracks[0].sigma_m
+    assert joined.decision.tracks[0].distance_m == pytest.approx(alone.decision.tracks[0].distance_m, rel=0.02)
+
+
+def test_a_sensor_that_contradicts_the_camera_is_an_event_and_changes_no_distance(scenario):
+    run = scenario(BALL + FRONT + 'confirms = "ball"\nahead = "-60 cm"\nsigma = "1 mm"\n').run(3)
+    kinds = [event.kind for record in run.records for event in record.decision.events if event.source == "front"]
+    assert EventKind.FAULT in kinds
+    assert run.records[-1].decision.tracks[0].distance_m == pytest.approx(run.world.distance_m(), abs=0.05)
+
+
+# A tag that moves and then jumps: looking first where it is expected loses no frame.
+
+FRAMES, JUMP_AT = 36, 24
+
+TAG_CONFIGURATION = """
+[camera]
+driver = "images"
+paths = "{folder}"
+rate = "30 Hz"
+[camera.model]
+width_px = 640
+height_px = 480
+fx_px = 600.0
+[targets.tag]
+detector = "tag"
+side = "10 cm"
+"""
+
+
+def drawn(number: int) -> np.ndarray:
+    """Draw a tag that moves along a bow, and from one frame on somewhere else."""
+    marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), 7, 320)
+    paper = cv2.copyMakeBorder(marker, 60, 60, 60, 60, cv2.BORDER_CONSTANT, value=235)
+    x = 180 + 5.0 * number if number < JUMP_AT else 470.0
+    y = 260 + 40 * math.sin(number / 6) if number < JUMP_AT else 120.0
+    turn = cv2.getRotationMatrix2D((219.5, 219.5), 3.0 * number, 0.25)
+    turn[:, 2] += (x - 219.5, y - 219.5)
+    image = cv2.warpAffine(cv2.GaussianBlur(paper, (0, 0), 1.6), turn, (640, 480), borderValue=90)
+    noise = np.random.default_rng(number).normal(0, 2, image.shape)
+    return cv2.cvtColor(np.clip(image + noise, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+
+
+class Listening:
+    """Passes everything on to a detector, and counts what was expected."""
+
+    def __init__(self, loop: Loop) -> None:
+        self._detector = loop.parts.cycle.detectors["tag"]
+        self.target_shape = self._detector.target_shape
+        self.expected: list[Prediction | None] = []
+        loop.parts.cycle.perceiver.detectors = {"tag": self}
+
+    def detect(
+        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
+    ) -> Detection:
+        self.expected.append(prediction)
+        return self._detector.detect(frame, prediction, lens=lens)
+
+
+@pytest.fixture(scope="module")
+def configuration(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("tags")
+    for number in range(FRAMES):
+        cv2.imwrite(str(folder / f"{number:03}.png"), drawn(number))
+    path = tmp_path_factory.mktemp("configuration") / "run.toml"
+    path.write_text(TAG_CONFIGURATION.format(folder=folder), encoding="utf-8")
+    return path
+
+
+def distances_m(loop: Loop) -> list[float | None]:
+    records: list[CycleRecord] = []
+    loop.listeners.append(lambda record, _frame: records.append(record))
+    loop.run()
+    return [measured.distance_m for record in records for measured in record.observation.measurements]
+
+
+@pytest.mark.long
+def test_a_tag_that_moves_and_jumps_is_measured_in_every_frame_as_without_expecting_it(configuration: Path) -> None:
+    loop, other = (Loop(build(load_configuration(configuration), speed=None)) for _ in range(2))
+    detector = Listening(loop)
+    other.parts.cycle.perceiver.expectations.of = lambda *_: None  # type: ignore[method-assign]
+    found_m, searched_m = distances_m(loop), distances_m(other)
+    assert len(found_m) == FRAMES
+    assert found_m == pytest.approx(searched_m, rel=2e-3)
+    assert sum(expected is not None for expected in detector.expected) > 0.8 * FRAMES
+
+
+# Several balls in a whole run: each keeps its name, and rules see the nearest, any, all, and how many there are.
+
+LENS = CameraModel.with_focal_length(600.0, 640, 480)
+LEFT, RIGHT, NEAR_RIGHT = (-0.3, 0.0, 1.6), (0.4, 0.05, 2.0), (0.3, 0.05, 1.0)
+
+CONFIGURATION = """
+[camera]
+driver = "images"
+paths = ["*.png"]
+rate = "10 Hz"
+dwell = "2 s"
+[camera.model]
+width_px = 640
+height_px = 480
+fx_px = 600.0
+[targets.balls]
+detector = "ball"
+diameter = "20 cm"
+hsv = "20,60,40:50,255,255"
+count = 3
+[actuators.buzzer]
+driver = "simulated"
+[world]
+[rules.one-near]
+when = { any_of = "balls", below = "1.2 m" }
+[rules.all-far]
+when = { all_of = "balls", lost = true }
+[rules.both]
+when = { count = { of = ["balls"], at_least = 2 } }
+[rules.nearest]
+actuator = "buzzer"
+target = "balls-nearest"
+ramp = { from = "1.5 m", to = "50 cm" }
+"""
+
+
+def _picture(path: Path, *places: tuple[float, float, float]) -> None:
+    first, *others = (BallTarget(position_m=place, diameter_m=0.2) for place in sorted(places, key=lambda at: at[2]))
+    target = GroupTarget(first=first, others=tuple(others)) if others else first
+    cv2.imwrite(str(path), render(Scene(camera=LENS, target=target, seed=1, backdrop=PlainBackdrop())).image)
+
+
+@pytest.mark.long
+def test_each_keeps_its_name_and_rules_see_the_nearest_any_and_how_many(tmp_path: Path) -> None:
+    _picture(tmp_path / "1-both-far.png", LEFT, RIGHT)
+    _picture(tmp_path / "2-one-near.png", LEFT, NEAR_RIGHT)
+    _picture(tmp_path / "3-one-left.png", LEFT)
+    file, journal = tmp_path / "several.toml", tmp_path / "journal.jsonl"
+    file.write_text(CONFIGURATION, encoding="utf-8")
+    given = ["run", str(file), "--no-state", "--speed", "0", "--journal", str(journal)]
+    told = CliRunner().invoke(app, given)
+    assert told.exit_code == 0, told.output
+    records = list(records_of(read_journal(journal)))
+    raised = [event.source for record in records for event in record.decision.events if event.kind is EventKind.RAISED]
+    assert raised == ["both", "one-near"], "all of them were never gone"
+    last = {track.target: track for track in records[-1].decision.tracks}
+    assert last["balls-1"].is_valid, "the ball at the left has kept its name"
+    assert last["balls-nearest"].distance_m == last["balls-1"].distance_m
+    levels = [record.decision.commands[0].level for record in records]
+    assert max(levels) == pytest.approx(0.45, abs=0.05), "1.05 m on the way from 1.5 m to 50 cm"
+    assert levels[-1] == 0.0
+
+
+# One frame that is grossly wrong raises nothing, also near the camera, where noise is far smaller than the error.
+
+HOVERING = """
+[world]
+ball_diameter = "6.4 cm"
+
+[rules.near]
+actuator = "motor"
+severity = "{severity}"
+when = {{ below = "50 cm" }}
+
+[[tests]]
+input = {{ hover = {{ at = "{distance}", for = "60 s" }}, dropouts = 0.05, outliers = 0.01 }}
+expect.near = {{ raised = 0 }}
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("severity", ["warning", "safety"])
+@pytest.mark.parametrize("distance", ["51 cm", "52 cm", "55 cm"])
+def test_a_ball_that_stands_just_outside_is_not_taken_for_one_that_comes_in(
+    distance: str, severity: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "standing.toml"
+    file.write_text(SIMULATED_BALL + HOVERING.format(distance=distance, severity=severity), encoding="utf-8")
+    configuration = load_configuration(file)
+    (test,) = configuration.tests
+    for seed in range(201, 203):
+        seeded = replace(test, input=test.input.model_copy(update={"seed": seed}))
+        assert run_rule_test(configuration, seeded).failures == ()

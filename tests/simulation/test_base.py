@@ -1,13 +1,34 @@
+"""Simulated bases, outputs and services, and emulated firmwares with the traps of the real ones."""
+
 from __future__ import annotations
+
+import gc
+import os
+import struct
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from stadimeter.config.plugins import BASES
-from stadimeter.core.command import TwistCommand
+from stadimeter.app.clock import MonotonicClock
+from stadimeter.config.plugins import ACTUATORS, BASES, MESSENGERS, DriverContext
+from stadimeter.core.command import LevelCommand, TwistCommand
+from stadimeter.core.message import Message
+from stadimeter.errors import ConfigError
 from stadimeter.simulation.base import SimulatedBaseOptions
+from stadimeter.simulation.devices import LevelChange
+from stadimeter.simulation.emulated_base import EmulatedPort
+from stadimeter.simulation.firmware import (
+    EmulatedRosArduinoOptions,
+    HoverboardFirmware,
+    OpenBotFirmware,
+    RosArduinoFirmware,
+    WaveshareUgvFirmware,
+)
+from stadimeter.testing.rig import ManualClock
+from support.base_vectors import vectors, wire
 
 
 def twist(linear_mps: float, angular_radps: float = 0.0) -> TwistCommand:
@@ -52,3 +73,316 @@ def test_it_need_not_stop_by_itself(run) -> None:
 def test_a_wrong_option_is_refused(options) -> None:
     with pytest.raises(ValidationError):
         SimulatedBaseOptions.model_validate(options)
+
+
+# The emulated firmwares of bases: what they do with bytes, and the traps of the real ones.
+
+WAVESHARE, HOVERBOARD, OPENBOT = "waveshare_ugv_json", "hoverboard_foc", "openbot_ascii"
+
+
+class TestWaveshareUgv:
+    @pytest.fixture
+    def board(self) -> WaveshareUgvFirmware:
+        return WaveshareUgvFirmware()
+
+    def driven(self, board: WaveshareUgvFirmware, now_s: float) -> tuple[float, float]:
+        board.step(now_s)
+        return (board.left.driven_mps, board.right.driven_mps)
+
+    @pytest.mark.parametrize(
+        ("name", "driven_mps"),
+        [
+            ("wheels_zero", (0.0, 0.0)),
+            ("wheels_0.5", (0.5, 0.5)),
+            ("wheels_over_limit", (0.0, 0.0)),
+            ("pwm_164", (164 / 255, 164 / 255)),
+            ("twist_0.1_0.3", (0.1 - 0.3 * 0.086, 0.1 + 0.3 * 0.086)),
+            ("zero_not_latched", (0.0, 0.0)),
+            ("clear_estop", (0.0, 0.0)),
+            ("chassis_type", (0.0, 0.0)),
+        ],
+    )
+    def test_its_wheels_do_what_a_vector_says(
+        self, board: WaveshareUgvFirmware, name: str, driven_mps: tuple[float, float]
+    ) -> None:
+        assert board.receive(wire(WAVESHARE, name), 0.1) == b""
+        assert self.driven(board, 0.2) == pytest.approx(driven_mps)
+
+    def test_trap_speed_and_turn_after_the_first_stop_drive_for_ever(self, board: WaveshareUgvFirmware) -> None:
+        board.step(3.1)
+        board.receive(b'{"T":13,"X":0.3,"Z":0}\n', 4.0)
+        assert self.driven(board, 3600.0) == (0.3, 0.3)
+
+    def test_trap_too_fast_a_command_keeps_the_old_speed_running(self, board: WaveshareUgvFirmware) -> None:
+        board.receive(wire(WAVESHARE, "wheels_0.5"), 0.0)
+        for second in range(1, 20):
+            board.receive(wire(WAVESHARE, "wheels_over_limit"), second)
+        assert self.driven(board, 20.0) == (0.5, 0.5)
+
+    def test_trap_the_emergency_stop_does_not_last(self, board: WaveshareUgvFirmware) -> None:
+        board.receive(wire(WAVESHARE, "wheels_0.5") + wire(WAVESHARE, "zero_not_latched"), 0.0)
+        assert self.driven(board, 0.1) == (0.0, 0.0)
+        board.receive(wire(WAVESHARE, "wheels_0.5"), 0.2)
+        assert self.driven(board, 0.3) == (0.5, 0.5)
+
+
+def hoverboard_frame(steer: int, speed: int) -> bytes:
+    words = struct.pack("<Hhh", 0xABCD, steer, speed)
+    return words + struct.pack("<H", (0xABCD ^ (steer & 0xFFFF) ^ (speed & 0xFFFF)))
+
+
+class TestHoverboard:
+    @pytest.fixture
+    def board(self) -> HoverboardFirmware:
+        made = HoverboardFirmware()
+        made.receive(wire(HOVERBOARD, "zero"), 0.0)
+        return made
+
+    @pytest.mark.parametrize(
+        ("name", "driven"),
+        [
+            ("zero", (0, 0)),
+            ("steer0_speed100", (100, 100)),
+            ("steer0_speed-100", (-100, -100)),
+            ("steer100_speed200", (250, 150)),
+            ("steer-50_speed300", (275, 325)),
+        ],
+    )
+    def test_it_mixes_speed_and_steering(self, board: HoverboardFirmware, name: str, driven: tuple[int, int]) -> None:
+        board.receive(wire(HOVERBOARD, name), 0.1)
+        assert (board.left.driven_mps * 1000, board.right.driven_mps * 1000) == pytest.approx(driven)
+
+    @pytest.mark.parametrize(
+        "burst",
+        [
+            wire(HOVERBOARD, "two_frames_one_burst"),
+            wire(HOVERBOARD, "steer0_speed100")[:7],
+            wire(HOVERBOARD, "steer0_speed100")[:7] + b"\x00",
+            b"\x00" + wire(HOVERBOARD, "steer0_speed100"),
+        ],
+        ids=["two frames", "half a frame", "wrong checksum", "a byte before"],
+    )
+    def test_trap_a_burst_that_is_not_one_frame_is_dropped(self, board: HoverboardFirmware, burst: bytes) -> None:
+        board.receive(wire(HOVERBOARD, "steer0_speed100"), 0.1)
+        board.receive(burst, 0.2)
+        assert board.left.driven_mps == pytest.approx(0.1)
+        assert board.bursts_refused == 1
+
+    def test_trap_motors_stay_off_until_a_command_near_zero(self) -> None:
+        board = HoverboardFirmware()
+        board.receive(wire(HOVERBOARD, "steer0_speed100"), 0.0)
+        assert board.left.driven_mps == 0.0
+        board.receive(hoverboard_frame(0, 49), 0.1)
+        board.receive(wire(HOVERBOARD, "steer0_speed100"), 0.2)
+        assert board.left.driven_mps == pytest.approx(0.1)
+
+
+class TestOpenBot:
+    @pytest.fixture
+    def board(self) -> OpenBotFirmware:
+        return OpenBotFirmware()
+
+    @pytest.mark.parametrize("reply", [each for each in vectors(OPENBOT, "rx").values() if "reply_to" in each])
+    def test_it_answers_the_vectors(self, board: OpenBotFirmware, reply: dict[str, str]) -> None:
+        assert board.receive(wire(OPENBOT, reply["reply_to"]), 0.0) == bytes.fromhex(reply["bytes_hex"])
+
+    def test_trap_without_a_time_out_it_drives_for_ever(self, board: OpenBotFirmware) -> None:
+        board.receive(wire(OPENBOT, "control_128_128"), 0.0)
+        board.step(3600.0)
+        assert board.left.driven_mps == pytest.approx(128 / 255 * 0.8)
+
+    def test_trap_commands_do_not_feed_its_time_out(self, board: OpenBotFirmware) -> None:
+        board.receive(wire(OPENBOT, "heartbeat_750ms"), 0.0)
+        for tenth in range(20):
+            board.receive(wire(OPENBOT, "control_128_128"), tenth / 10)
+        assert (board.left.driven_mps, board.right.driven_mps) == (0.0, 0.0)
+        board.receive(wire(OPENBOT, "heartbeat_750ms") + wire(OPENBOT, "control_128_128"), 2.0)
+        board.step(2.7)
+        assert board.left.driven_mps > 0
+        board.step(2.8)
+        assert board.left.driven_mps == 0.0
+
+
+ROS = "ros_arduino_bridge"
+
+
+@pytest.fixture
+def board() -> RosArduinoFirmware:
+    return RosArduinoFirmware(ticks_per_metre=1.0)
+
+
+def speeds(board: RosArduinoFirmware, now_s: float) -> tuple[float, float]:
+    board.step(now_s)
+    return (board.left.speed_mps, board.right.speed_mps)
+
+
+@pytest.mark.parametrize(
+    ("sent", "answer"),
+    [
+        (b"m 10 10\r", b"OK\r\n"),
+        (b"m 0 0\r", b"OK\r\n"),
+        (b"e\r", b"0 0\r\n"),
+        (b"r\r", b"OK\r\n"),
+        (b"b\r", b"57600\r\n"),
+        (b"z\r", b"Invalid Command\r\n"),
+        (b"\r", b"Invalid Command\r\n"),
+        (b"b\r\nb\r\n", b"57600\r\n57600\r\n"),
+    ],
+)
+def test_it_answers_as_the_sketch_does(board: RosArduinoFirmware, sent: bytes, answer: bytes) -> None:
+    assert board.receive(sent, 0.0) == answer
+
+
+@pytest.mark.parametrize("reply", vectors(ROS, "rx").values(), ids=lambda reply: reply["name"])
+def test_it_answers_the_vectors_byte_by_byte(board: RosArduinoFirmware, reply: dict[str, str]) -> None:
+    assert board.receive(wire(ROS, reply["reply_to"]), 0.0) == bytes.fromhex(reply["bytes_hex"])
+
+
+def test_line_feeds_instead_of_carriage_returns_hang_the_board(board: RosArduinoFirmware) -> None:
+    assert board.receive(b"m 10 10\n" * 5, 0.0) == b""
+    assert board.hung
+    assert board.receive(b"\rb\r", 0.1) == b""
+
+
+def test_wheels_take_time_to_follow(board: RosArduinoFirmware) -> None:
+    board.receive(b"m 10 20\r", 0.0)
+    assert speeds(board, 0.0) == (0.0, 0.0)
+    early, late = speeds(board, 0.133), speeds(board, 1.0)
+    assert early[0] == pytest.approx(10 / 0.033 * 0.632, rel=0.01)  # one time constant after the first frame
+    assert late == (pytest.approx(10 / 0.033, rel=1e-3), pytest.approx(20 / 0.033, rel=1e-3))
+
+
+def test_how_often_it_is_stepped_changes_nothing() -> None:
+    seldom, often = RosArduinoFirmware(ticks_per_metre=1.0), RosArduinoFirmware(ticks_per_metre=1.0)
+    for board in (seldom, often):
+        board.receive(b"m 10 20\r", 0.0)
+    for millisecond in range(1, 3001):
+        often.step(millisecond / 1000)
+    seldom.step(3.0)
+    assert often.left.rolled_m == pytest.approx(seldom.left.rolled_m, rel=1e-6)
+    assert often.right.rolled_m == pytest.approx(seldom.right.rolled_m, rel=1e-6)
+
+
+def test_it_stops_by_itself_two_seconds_after_the_last_motor_command(board: RosArduinoFirmware) -> None:
+    board.receive(b"m 10 10\r", 0.0)
+    board.receive(b"m 10 10\r", 1.5)
+    assert speeds(board, 3.49)[0] == pytest.approx(10 / 0.033, rel=1e-3)
+    assert speeds(board, 3.6)[0] == pytest.approx(10 / 0.033 * 0.37, rel=0.01)
+    assert speeds(board, 6.0) == (0.0, 0.0)
+
+
+def test_questions_do_not_keep_it_moving(board: RosArduinoFirmware) -> None:
+    board.receive(b"m 10 10\r", 0.0)
+    for tenth in range(1, 60):
+        board.receive(b"b\re\r", tenth / 10)
+    assert speeds(board, 6.0) == (0.0, 0.0)
+
+
+def test_without_a_world_it_says_that_it_needs_one() -> None:
+    with pytest.raises(ConfigError, match=r"\[world\]"):
+        EmulatedRosArduinoOptions.board(DriverContext(name="base", clock=ManualClock()))
+
+
+def open_files() -> set[Path]:
+    gc.collect()  # what other tests left is closed now, and not in between
+    return set(Path("/proc/self/fd").iterdir())
+
+
+def test_closing_gives_everything_back_and_may_be_done_twice() -> None:
+    before, clock = open_files(), ManualClock()
+    port = EmulatedPort(RosArduinoFirmware(), clock)
+    folder = Path(port.path).parent
+    port.close()
+    port.close()
+    clock.advance_s(1.0)
+    assert open_files() == before
+    assert not folder.exists()
+
+
+def test_on_a_real_clock_the_port_is_served_from_a_thread() -> None:
+    clock = MonotonicClock()
+    port = EmulatedPort(RosArduinoFirmware(started_s=clock.now_s()), clock)
+    host = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
+    os.write(host, b"b\r")
+    answer = b""
+    while not answer.endswith(b"\n"):
+        answer += os.read(host, 100)
+    os.close(host)
+    port.close()
+    assert answer == b"57600\r\n"
+
+
+def command(level: float) -> LevelCommand:
+    return LevelCommand(output="it", level=level, captured_at_s=1.0)
+
+
+def test_it_remembers_what_it_did_when(run) -> None:
+    actuator = run.build(ACTUATORS)
+    actuator.open()
+    for level in (0.0, 0.4, 0.4, 1.0):
+        run.clock.advance_s(1.0)
+        actuator.apply(command(level))
+    actuator.stop()
+    assert list(actuator.changes) == [
+        LevelChange(at_s=102.0, level=0.4),
+        LevelChange(at_s=104.0, level=1.0),
+        LevelChange(at_s=104.0, level=0.0),
+    ]
+
+
+def test_its_memory_is_bounded(run) -> None:
+    actuator = run.build(ACTUATORS, history=3)
+    actuator.open()
+    for number in range(10):
+        actuator.apply(command(number / 10))
+    assert [change.level for change in actuator.changes] == [0.7, 0.8, 0.9]
+
+
+@pytest.mark.parametrize(("steps", "asked", "done"), [(1, 0.4, 0.0), (1, 0.6, 1.0), (4, 0.3, 0.25), (None, 0.3, 0.3)])
+def test_a_level_is_rounded_to_the_steps_that_it_can_do(run, steps: int | None, asked: float, done: float) -> None:
+    actuator = run.build(ACTUATORS, steps=steps)
+    actuator.open()
+    assert actuator.apply(command(asked)).level == done
+    assert actuator.level == done
+
+
+def message(text: str, qos: int = 1, expires_s: int | None = None) -> Message:
+    return Message(topic="event", payload=text, qos=qos, expires_s=expires_s)
+
+
+def opened_messenger(run, **options):
+    messenger = run.build(MESSENGERS, **options)
+    messenger.open()
+    return messenger
+
+
+def payloads(messenger) -> list[str]:
+    return [sent.item.payload for sent in messenger.sent]
+
+
+def test_messages_are_kept_with_their_time(run) -> None:
+    messenger = opened_messenger(run)
+    messenger.publish(message("a", qos=0))
+    run.clock.advance_s(2.0)
+    messenger.publish(message("b"))
+    assert [(sent.at_s, sent.item.payload) for sent in messenger.sent] == [(100.0, "a"), (102.0, "b")]
+    assert messenger.trouble() == ""
+
+
+def test_only_the_newest_messages_are_kept(run) -> None:
+    messenger = opened_messenger(run, history=3)
+    for number in range(10):
+        messenger.publish(message(str(number)))
+    assert payloads(messenger) == ["7", "8", "9"]
+    assert messenger.dropped == 0
+
+
+def test_what_nobody_wants_any_more_is_not_delivered(run) -> None:
+    messenger = opened_messenger(run)
+    run.world.faults.broker_gone = True
+    messenger.publish(message("brief", expires_s=3))
+    messenger.publish(message("lasting"))
+    run.clock.advance_s(4.0)
+    run.world.faults.broker_gone = False
+    assert payloads(messenger) == ["lasting"]
+    assert messenger.given_up == 1

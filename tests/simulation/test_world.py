@@ -1,15 +1,35 @@
+"""The simulated world: robot, ball, faults, noise and options."""
+
 from __future__ import annotations
 
 import math
+from itertools import pairwise
+from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import fields
+from pydantic import ValidationError
 
 from stadimeter.config.plugins import CAMERAS, WORLDS, DriverContext
-from stadimeter.errors import ConfigError
-from stadimeter.simulation.world import World, WorldOptions, shared_world
+from stadimeter.errors import CommandRangeError, ConfigError, DriverError
+from stadimeter.simulation.camera import gaussian_pair, scramble
+from stadimeter.simulation.motion import MEMORY, Ball, DifferentialRobot, Pose, WayPoint
+from stadimeter.simulation.world import (
+    BY_HAND_S,
+    KNOBS,
+    FaultKind,
+    Faults,
+    FaultSchedule,
+    ScheduledFault,
+    World,
+    WorldOptions,
+    shared_world,
+)
 from stadimeter.testing.rig import ManualClock
+from support.each_case import each_case
 
 # As people write them: numbers that are next to nothing, such as 1e-250, are refused.
 coordinates = st.floats(-20, 20).map(lambda value: round(value, 3))
@@ -97,3 +117,340 @@ def test_a_simulated_driver_without_a_world_says_what_to_add() -> None:
 def test_a_simulated_camera_without_a_lens_says_what_to_add(make_run) -> None:
     with pytest.raises(ConfigError, match=r"'eye' is simulated and needs a lens.*set model in \[camera\]"):
         make_run(lens=None).build(CAMERAS, name="eye")
+
+
+TRACK_M = 0.2
+speeds = st.floats(-1.0, 1.0)
+times = st.floats(0.01, 10.0)
+
+
+def robot_at(x_m: float = 0.0, y_m: float = 0.0, heading_rad: float = 0.0) -> tuple[DifferentialRobot, ManualClock]:
+    clock = ManualClock(50.0)
+    start = Pose(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
+    return DifferentialRobot(track_width_m=TRACK_M, ticks_per_metre=1000.0, start=start, clock=clock), clock
+
+
+def figures(pose: Pose) -> tuple[float, float, float]:
+    return pose.x_m, pose.y_m, pose.heading_rad
+
+
+def test_equal_wheels_drive_straight_ahead() -> None:
+    robot, clock = robot_at(heading_rad=math.pi / 2)
+    robot.drive_wheels(0.5, 0.5)
+    clock.advance_s(4.0)
+    assert figures(robot.pose) == pytest.approx((0.0, 2.0, math.pi / 2))
+    assert robot.ticks == (2000, 2000)
+
+
+def test_a_quarter_of_a_circle_to_the_left_ends_beside_its_centre() -> None:
+    robot, clock = robot_at()
+    robot.drive_wheels(0.45, 0.55)
+    clock.advance_s(math.pi / 2 / 0.5)
+    assert figures(robot.pose) == pytest.approx((1.0, 1.0, math.pi / 2))
+
+
+def test_a_whole_circle_comes_back_in_many_steps_as_in_one() -> None:
+    robot, clock = robot_at(3.0, -1.0, 0.7)
+    for step in range(1000):
+        robot.drive_wheels(0.3, 0.5 + (step % 2) * 1e-15)  # a change each time, so that each step begins a new arc
+        clock.advance_s(2 * math.pi / 1000)
+    assert figures(robot.pose) == pytest.approx((3.0, -1.0, 0.7 + 2 * math.pi), abs=1e-9)
+
+
+@given(left=speeds, right=speeds, heading=st.floats(-4, 4), seconds=times)
+def test_driving_backwards_the_same_way_comes_home(left: float, right: float, heading: float, seconds: float) -> None:
+    robot, clock = robot_at(1.0, 2.0, heading)
+    robot.drive_wheels(left, right)
+    clock.advance_s(seconds)
+    robot.drive_wheels(-left, -right)
+    clock.advance_s(seconds)
+    assert figures(robot.pose) == pytest.approx((1.0, 2.0, heading), abs=1e-9)
+
+
+@given(left=speeds, right=speeds, seconds=times, share=st.floats(0.0, 1.0))
+def test_the_way_does_not_depend_on_when_it_is_asked_about(
+    left: float, right: float, seconds: float, share: float
+) -> None:
+    robot, clock = robot_at()
+    robot.drive_wheels(left, right)
+    ahead = robot.pose_at(50.0 + seconds * share)
+    clock.advance_s(seconds)
+    robot.drive_wheels(0.0, 0.0)
+    assert figures(robot.pose_at(50.0 + seconds * share)) == pytest.approx(figures(ahead), abs=1e-12)
+
+
+@given(left=speeds, right=speeds, seconds=times)
+def test_a_robot_moves_no_further_than_its_wheels(left: float, right: float, seconds: float) -> None:
+    robot, clock = robot_at()
+    robot.drive_wheels(left, right)
+    clock.advance_s(seconds)
+    assert math.hypot(robot.pose.x_m, robot.pose.y_m) <= abs(left + right) / 2 * seconds + 1e-9
+    assert robot.pose.heading_rad == pytest.approx((right - left) / TRACK_M * seconds)
+
+
+def test_wheels_stop_by_themselves_when_told_until_when() -> None:
+    robot, clock = robot_at()
+    robot.drive_wheels(0.5, 0.5, until_s=52.0)
+    clock.advance_s(1.0)
+    assert robot.wheels_mps == (0.5, 0.5)
+    clock.advance_s(9.0)
+    assert robot.wheels_mps == (0.0, 0.0)
+    assert figures(robot.pose) == pytest.approx((1.0, 0.0, 0.0))
+
+
+def test_past_poses_are_remembered() -> None:
+    robot, clock = robot_at()
+    robot.drive_wheels(0.5, 0.5)
+    clock.advance_s(1.0)
+    robot.drive_wheels(-0.1, 0.1)
+    clock.advance_s(1.0)
+    assert figures(robot.pose_at(49.0)) == (0.0, 0.0, 0.0)
+    assert figures(robot.pose_at(50.5)) == pytest.approx((0.25, 0.0, 0.0))
+    assert figures(robot.pose_at(51.5)) == pytest.approx((0.5, 0.0, 0.5))
+
+
+def test_what_is_too_long_ago_is_an_error_and_no_guess() -> None:
+    robot, clock = robot_at()
+    for step in range(MEMORY + 10):
+        robot.drive_wheels(0.1, 0.1 + step * 1e-4)
+        clock.advance_s(0.01)
+    with pytest.raises(DriverError, match=r"remembers its way back to 50\.1"):
+        robot.pose_at(50.05)
+
+
+@pytest.mark.parametrize("speed", [math.nan, math.inf, -math.inf])
+def test_wheels_refuse_what_is_not_a_speed(speed: float) -> None:
+    robot, _ = robot_at()
+    with pytest.raises(CommandRangeError):
+        robot.drive_wheels(speed, 0.0)
+    assert robot.wheels_mps == (0.0, 0.0)
+
+
+def test_the_time_to_stop_must_be_a_number() -> None:
+    robot, _ = robot_at()
+    with pytest.raises(CommandRangeError):
+        robot.drive_wheels(0.1, 0.1, until_s=math.nan)
+
+
+metres = st.floats(-10, 10).map(lambda value: round(value, 3))
+
+
+def point(at_s: float, x_m: float, y_m: float = 0.0) -> WayPoint:
+    return WayPoint.model_validate({"at": f"{at_s} s", "x": f"{x_m} m", "y": f"{y_m} m"})
+
+
+def ball_on(*path: WayPoint, loop: bool = False, start_s: float = 0.0) -> Ball:
+    return Ball(diameter_m=0.2, height_m=0.1, path=path, loop=loop, start_s=start_s)
+
+
+def test_a_ball_with_one_way_point_lies_there() -> None:
+    ball = ball_on(point(0, 2, -1), loop=True)
+    assert [ball.position_m(time_s) for time_s in (-5.0, 0.0, 3.0, 1e6)] == [(2.0, -1.0, 0.1)] * 4
+
+
+def test_a_ball_is_at_its_way_points_in_time() -> None:
+    ball = ball_on(point(0, 2), point(3, 5, 1), point(4, 1, -2), start_s=100.0)
+    assert ball.position_m(100.0) == pytest.approx((2, 0, 0.1))
+    assert ball.position_m(103.0) == pytest.approx((5, 1, 0.1))
+    assert ball.position_m(104.0) == pytest.approx((1, -2, 0.1))
+
+
+def test_without_a_loop_the_ball_stays_at_the_end() -> None:
+    ball = ball_on(point(0, 2), point(3, 5))
+    assert ball.position_m(1000.0) == (5.0, 0.0, 0.1)
+
+
+def test_with_a_loop_the_ball_begins_again() -> None:
+    ball = ball_on(point(0, 2), point(3, 5), point(5, 2), loop=True)
+    assert ball.position_m(5 * 7 + 1.2) == pytest.approx(ball.position_m(1.2))
+
+
+def test_the_speed_never_jumps() -> None:
+    ball = ball_on(point(0, 1), point(2, 3), point(3, 3.5), point(6, 9), point(9, 1), loop=True)
+    step_s = 1e-3
+    xs = [ball.position_m(number * step_s)[0] for number in range(18000)]
+    speeds = [(after - before) / step_s for before, after in pairwise(xs)]
+    changes = [abs(after - before) for before, after in pairwise(speeds)]
+    assert max(changes) < 20 * step_s
+
+
+@given(
+    xs=st.lists(metres, min_size=2, max_size=6),
+    gaps=st.lists(st.integers(1, 50), min_size=6, max_size=6),
+    share=st.floats(0, 1),
+    loop=st.booleans(),
+)
+def test_a_ball_stays_between_its_way_points(xs: list[float], gaps: list[int], share: float, loop: bool) -> None:
+    xs = [*xs, xs[0]] if loop else xs
+    times_s = [sum(gaps[:index]) / 10 for index in range(len(xs))]
+    ball = ball_on(*(point(time_s, x_m) for time_s, x_m in zip(times_s, xs, strict=True)), loop=loop)
+    at_s = share * times_s[-1]
+    leg = next(index for index in range(len(xs) - 1) if at_s <= times_s[index + 1])
+    low, high = sorted(xs[leg : leg + 2])
+    assert low - 1e-9 <= ball.position_m(at_s)[0] <= high + 1e-9
+
+
+def fault(kind: str, at: str, lasts: str | None = None) -> ScheduledFault:
+    return ScheduledFault.model_validate({"kind": kind, "at": at, "for": lasts} if lasts else {"kind": kind, "at": at})
+
+
+def test_every_kind_of_fault_has_its_own_knob() -> None:
+    assert set(KNOBS) == set(FaultKind)
+    assert sorted(KNOBS.values()) == sorted(field.name for field in fields(Faults))
+
+
+@each_case("kind", list(FaultKind))
+def test_a_scheduled_fault_begins_and_ends_in_time(kind: FaultKind) -> None:
+    faults, schedule = Faults(), FaultSchedule([fault(kind, "12 s", "2 s")], start_s=100.0)
+    states = {}
+    for now_s in (111.9, 112.0, 113.9, 114.0):
+        schedule.turn(faults, now_s)
+        states[now_s] = getattr(faults, KNOBS[kind])
+        assert sum(getattr(faults, knob) for knob in KNOBS.values()) == states[now_s], "another knob was turned"
+    assert states == {111.9: False, 112.0: True, 113.9: True, 114.0: False}
+
+
+def test_a_fault_without_a_duration_lasts() -> None:
+    faults, schedule = Faults(), FaultSchedule([fault("broker-gone", "1 s")], start_s=0.0)
+    schedule.turn(faults, 1e9)
+    assert faults.broker_gone
+
+
+def test_overlapping_faults_of_one_kind_are_one() -> None:
+    planned = [
+        fault("hide-target", "1 s", "4 s"),
+        fault("hide-target", "2 s", "1 s"),
+        fault("hide-target", "4 s", "3 s"),
+    ]
+    faults, schedule = Faults(), FaultSchedule(planned, start_s=0.0)
+    hidden = []
+    for now_s in range(9):
+        schedule.turn(faults, float(now_s))
+        hidden.append(faults.target_hidden)
+    assert hidden == [False, True, True, True, True, True, True, False, False]
+
+
+def test_a_fault_that_came_and_went_unasked_is_over() -> None:
+    faults, schedule = Faults(), FaultSchedule([fault("block-camera", "1 s", "1 s")], start_s=0.0)
+    schedule.turn(faults, 10.0)
+    assert not faults.camera_blocked
+
+
+def test_a_knob_turned_by_hand_stays_until_its_next_scheduled_time() -> None:
+    faults, schedule = Faults(), FaultSchedule([fault("hide-target", "5 s", "1 s")], start_s=0.0)
+    faults.target_hidden = True
+    schedule.turn(faults, 4.0)
+    assert faults.target_hidden
+    schedule.turn(faults, 6.0)
+    assert not faults.target_hidden
+
+
+def test_a_fault_made_by_hand_ends_by_itself_and_one_that_was_made_again_has_its_whole_time(make_run) -> None:
+    run = make_run()
+
+    def is_frozen_after(wait_s: float) -> bool:
+        run.clock.advance_s(wait_s)
+        return run.world.goes_wrong("freeze-camera")
+
+    for _ in range(3):
+        run.world.toggle("freeze-camera")
+    assert is_frozen_after(BY_HAND_S - 0.1)
+    assert not is_frozen_after(0.2)
+    run.world.toggle("freeze-camera")
+    run.clock.advance_s(3.0)
+    run.world.toggle("freeze-camera")
+    run.world.toggle("freeze-camera")
+    assert is_frozen_after(BY_HAND_S - 0.1)
+    assert not is_frozen_after(0.2)
+
+
+def test_the_schedule_goes_before_the_end_of_a_fault_made_by_hand(make_run) -> None:
+    run = make_run(faults=[{"at": "8 s", "for": "6 s", "kind": "hide-target"}])
+    run.world.toggle("hide-target")
+    run.clock.advance_s(13.0)
+    assert run.world.goes_wrong("hide-target")
+    run.clock.advance_s(1.5)
+    assert not run.world.goes_wrong("hide-target")
+
+
+COUNT = 20_000
+
+
+def test_the_same_keys_give_the_same_numbers() -> None:
+    assert gaussian_pair(1, 2, 3) == gaussian_pair(1, 2, 3)
+
+
+def test_every_key_and_their_order_count() -> None:
+    assert len({scramble(*keys) for keys in ((1, 2), (2, 1), (1, 3), (0, 2), (1, 2, 0), (1,))}) == 6
+
+
+def test_the_numbers_are_normally_distributed() -> None:
+    numbers = np.array([gaussian_pair(7, index) for index in range(COUNT)]).ravel()
+    assert abs(numbers.mean()) < 0.02
+    assert abs(numbers.std() - 1) < 0.02
+    assert abs((np.abs(numbers) < 1).mean() - 0.6827) < 0.01
+    assert abs((np.abs(numbers) < 2).mean() - 0.9545) < 0.005
+
+
+def test_neighbours_know_nothing_of_each_other() -> None:
+    pairs = np.array([gaussian_pair(7, index) for index in range(COUNT)])
+    assert abs(np.corrcoef(pairs[:, 0], pairs[:, 1])[0, 1]) < 0.03
+    assert abs(np.corrcoef(pairs[:-1, 0], pairs[1:, 0])[0, 1]) < 0.03
+
+
+def read(**options: Any) -> WorldOptions:
+    return WorldOptions.model_validate(options)
+
+
+def test_a_world_needs_no_options() -> None:
+    options = read()
+    assert options.path
+    assert options.faults == ()
+
+
+def test_options_are_read_with_their_units() -> None:
+    options = read(
+        ball_diameter="8 in",
+        robot_x="-50 cm",
+        robot_heading="90 deg",
+        path=[{"at": "0 s", "x": "-2 m", "y": "3 ft"}],
+        faults=[{"at": "1 min", "for": "500 ms", "kind": "freeze-camera"}],
+    )
+    assert options.ball_diameter == pytest.approx(0.2032)
+    assert options.robot_x == -0.5
+    assert options.robot_heading == pytest.approx(1.5707963)
+    assert (options.path[0].x, options.path[0].y) == pytest.approx((-2.0, 0.9144))
+    fault = options.faults[0]
+    assert (fault.at, fault.duration, fault.kind) == (60.0, 0.5, FaultKind.FREEZE_CAMERA)
+
+
+@each_case(
+    ("options", "words"),
+    [
+        ({"path": []}, "at least 1 item"),
+        ({"path": [{"at": "1 s", "x": "1 m", "y": "0 m"}]}, "first way point must be at '0 s'"),
+        (
+            {"loop": False, "path": [{"at": at, "x": "1 m", "y": "0 m"} for at in ("0 s", "2 s", "2 s")]},
+            "order them by time",
+        ),
+        (
+            {"path": [{"at": "0 s", "x": "1 m", "y": "0 m"}, {"at": "2 s", "x": "2 m", "y": "0 m"}]},
+            "end it where it begins, or set loop = false",
+        ),
+        ({"robot_x": "3"}, "has no unit"),
+        ({"robot_x": 3}, "has no unit"),
+        ({"robot_y": "1 parsec"}, "unknown unit 'parsec'"),
+        ({"ball_diameter": "0 cm"}, "not a length above zero"),
+        ({"ball_height": "-1 cm"}, "below zero"),
+        ({"track_width": "-20 cm"}, "not a length above zero"),
+        ({"ticks_per_metre": 0}, "greater than 0"),
+        ({"seed": -1}, "greater than or equal to 0"),
+        ({"faults": [{"at": "1 s", "kind": "flat-tyre"}]}, "'hide-target', 'freeze-camera'"),
+        ({"faults": [{"at": "1 s", "duration": "1 s", "kind": "hide-target"}]}, "Extra inputs"),
+        ({"balls": 2}, "Extra inputs"),
+    ],
+)
+def test_a_wrong_option_is_refused_in_words(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValidationError) as raised:
+        read(**options)
+    assert words in str(raised.value)

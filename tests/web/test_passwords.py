@@ -1,4 +1,4 @@
-"""The file of the passwords, and the command that writes it."""
+"""Passwords: their file, the command that writes it, and how often one may be tried."""
 
 import json
 import os
@@ -10,9 +10,24 @@ import sys
 import pytest
 
 from stadimeter.errors import PageError
-from stadimeter.web.passwords import SCRYPT, PasswordFile, place_of_passwords
+from stadimeter.web.passwords import (
+    ADDRESSES_MAX,
+    EVERY_S,
+    FORGOTTEN_S,
+    FREE,
+    IN_ALL,
+    KNOWN_MAX,
+    MAX_WAIT_S,
+    SCRYPT,
+    TURN_MAX_S,
+    Attempts,
+    PasswordFile,
+    place_of_passwords,
+)
 from stadimeter.web.routes import Right
 from support.page import OPERATE, READ, quicken
+
+# The file of the passwords, and the command that writes it.
 
 
 @pytest.fixture
@@ -110,3 +125,112 @@ def test_the_command_asks_twice_and_shows_nothing(tmp_path):
     assert b"sessions have ended" in shown
     assert b"started again" in shown  # what listens on the loopback goes on to
     assert set(json.loads((tmp_path / "room.passwords").read_text())) == {"scrypt", "salt", "key", "operate"}
+
+
+# How often a password may be tried.
+
+
+class Clock:
+    now_s = 1000.0
+
+    def __call__(self):
+        return self.now_s
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def attempts(clock):
+    return Attempts(clock)
+
+
+def wait_s(attempts, address="192.168.1.7"):
+    """Try once, and return how long it is too early."""
+    try:
+        attempts.begin(address)
+    except PageError as error:
+        return error.details["wait_s"]
+    return 0
+
+
+def test_a_few_wrong_passwords_cost_no_time_and_each_further_one_twice_the_wait(attempts, clock):
+    assert [wait_s(attempts) for _ in range(FREE)] == [0] * FREE
+    waits = []
+    for _ in range(12):
+        waits.append(wait_s(attempts))
+        clock.now_s += waits[-1]
+        assert wait_s(attempts) == 0
+    assert waits[:3] == [10, 20, 40]
+    assert max(waits) == waits[-1] == MAX_WAIT_S
+
+
+def test_who_knows_the_password_starts_afresh(attempts):
+    for _ in range(FREE):
+        attempts.begin("192.168.1.7")
+        attempts.succeeded("192.168.1.7")
+    assert [wait_s(attempts) for _ in range(FREE + 1)] == [0] * FREE + [10]
+
+
+def test_what_went_wrong_a_day_ago_counts_no_more(attempts, clock):
+    assert [wait_s(attempts) for _ in range(FREE + 1)][-1] == 10
+    clock.now_s += 10 + FORGOTTEN_S + 1
+    assert [wait_s(attempts) for _ in range(FREE + 1)] == [0] * FREE + [10]
+
+
+def test_another_address_need_not_wait(attempts):
+    assert [wait_s(attempts) for _ in range(FREE + 1)][-1]
+    assert wait_s(attempts, "192.168.1.8") == 0
+
+
+def test_all_addresses_of_one_network_of_version_6_count_as_one(attempts):
+    waits = [wait_s(attempts, f"2001:db8:1:2::{number:x}") for number in range(1, FREE + 2)]
+    assert waits[-1] == 10
+    assert wait_s(attempts, "2001:db8:1:3::1") == 0
+    assert [wait_s(attempts, each) for each in ("::ffff:10.0.0.1", "10.0.0.1", "10.0.0.2")] == [0, 0, 0]
+
+
+def stranger(number):
+    return f"10.{number // 65536}.{number // 256 % 256}.{number % 256}"
+
+
+def test_a_thousand_computers_guess_no_faster_than_one(attempts, clock):
+    began_s, taken = clock.now_s, 0
+    for number in range(36_000):  # ten of them each second, for an hour
+        taken += wait_s(attempts, stranger(number)) == 0
+        clock.now_s += 0.1
+    assert taken == IN_ALL + TURN_MAX_S // EVERY_S + (clock.now_s - began_s) // EVERY_S
+
+
+def test_after_thirty_wrong_passwords_from_thirty_addresses_whoever_comes_next_waits_two_seconds(attempts):
+    assert [attempts.begin(stranger(number)) for number in range(IN_ALL)] == [0.0] * IN_ALL
+    assert attempts.begin("192.168.1.7") == EVERY_S
+    attempts.succeeded("192.168.1.7")
+    assert attempts.begin("192.168.1.8") == EVERY_S  # the right password has cost nobody a turn
+
+
+def test_whoever_has_logged_in_from_there_before_never_waits_for_strangers(attempts):
+    attempts.begin("192.168.1.7")
+    attempts.succeeded("192.168.1.7")
+    waits = [wait_s(attempts, stranger(number)) for number in range(200)]
+    assert waits[-1] > 0
+    assert attempts.begin("192.168.1.7") == 0.0
+    assert [wait_s(attempts) for _ in range(FREE)] == [0] * (FREE - 1) + [10]  # their own wrong ones count all the same
+
+
+def test_the_password_for_watching_makes_no_address_known(attempts):
+    attempts.begin("192.168.1.7")
+    attempts.succeeded("192.168.1.7", forgets=False)
+    assert not attempts.knows("192.168.1.7")
+
+
+def test_memory_is_bounded(attempts, clock):
+    for number in range(3 * ADDRESSES_MAX):
+        assert wait_s(attempts, stranger(number)) == 0
+        if number % 2:
+            attempts.succeeded(stranger(number))
+        clock.now_s += EVERY_S
+    assert ADDRESSES_MAX - 1 <= len(attempts._failures) <= ADDRESSES_MAX
+    assert len(attempts._known) == KNOWN_MAX

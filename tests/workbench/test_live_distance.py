@@ -7,17 +7,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
-from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, load_driver
+from stadimeter.cameras.protocol import AttachedCamera
+from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, DriverOptions, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
-from stadimeter.errors import CalibrationError
+from stadimeter.errors import CalibrationError, DriverUnavailableError
+from stadimeter.workbench import frame_source as module
 from stadimeter.workbench.calibration import live_distance
 from stadimeter.workbench.calibration.live_distance import LiveDistance, fresh_frames
-from stadimeter.workbench.frame_source import open_camera
+from stadimeter.workbench.frame_source import list_cameras, open_camera
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.render import render
@@ -25,6 +28,9 @@ from support.scenes.scene import Scene
 from support.v4l2_double import V4l2Double
 
 pytestmark = pytest.mark.vision
+
+
+# Calibrating before a camera, with rendered targets at exactly known distances on a double of a device.
 
 BALL_M = 0.2
 FRAMES = 3
@@ -140,3 +146,40 @@ def test_a_target_that_moves_meanwhile_is_refused(device: V4l2Double, monkeypatc
         monkeypatch.setattr(live_distance, "fresh_frames", lambda _source, _number: frames)
         with pytest.raises(CalibrationError, match=r"size changed by .*keep the target and the camera still"):
             session.take(1.0)
+
+
+def _camera(driver: str) -> AttachedCamera:
+    return AttachedCamera(driver=driver, options={"serial": "42"}, path="42", name="Cam", node="42")
+
+
+class Listing(DriverOptions):
+    name: ClassVar[str]
+
+    @classmethod
+    def attached(cls) -> tuple[AttachedCamera, ...]:
+        return (_camera(cls.name),)
+
+
+def test_every_driver_that_can_list_cameras_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = {"opencv": "opencv", "video": "another"}
+
+    def load(group: str, name: str) -> Any:
+        return type("Listing", (Listing,), {"name": found[name]}) if name in found else load_driver(group, name)
+
+    monkeypatch.setattr(module, "load_driver", load)
+    assert [camera.choice for camera in list_cameras()] == ["opencv,serial=42", "another,serial=42"]
+
+
+def test_a_driver_that_lacks_a_library_has_no_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
+    def load(group: str, name: str) -> Any:
+        if name == "opencv":
+            raise DriverUnavailableError("no library")
+        return load_driver(group, name)
+
+    monkeypatch.setattr(module, "load_driver", load)
+    assert list_cameras() == ()
+
+
+def test_the_driver_of_video4linux_lists_its_cameras() -> None:
+    listed = load_driver(CAMERAS, "opencv").attached()
+    assert all(camera.choice.startswith("opencv,device=") for camera in listed)

@@ -1,24 +1,40 @@
-"""Replays: read no further than need be, and never wrong for it."""
+"""Replays: read no further than need be and never wrong for it, and what other rules change."""
+
+from __future__ import annotations
 
 import json
+import math
+from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.persistence.resumption import ClockReading, Memory, resume, state_text
-from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration, read_journal
+from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration, read_journal, to_be_recorded
+from stadimeter.config.camera_file import camera_file_text
+from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decide import decide, initial_state
+from stadimeter.core.decision import Decision, Event, EventKind, Severity
+from stadimeter.core.observation import Observation
 from stadimeter.core.persistence import snapshot_alarms
 from stadimeter.core.plan import LevelOutput, Plan
-from stadimeter.core.rule import AlarmRule
+from stadimeter.core.rule import AlarmRule, OnDelay
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.replay import decisions
+from stadimeter.workbench.replay.comparison import ReplayDiff, SideBySide, compare
+from stadimeter.workbench.replay.replay import ReplayRun, decisions, read_recording
+from stadimeter.workbench.replay.replay_figures import Stay, Tally, stays
+from stadimeter.workbench.replay.what_if import KeptRecording, judged_apart
 from support.observing import Rehearsal
 from support.recordings import records_of
 from support.replaying import replay
+from support.saves import LENS
 from support.whole_runs import whole_run
+
+# Replays: read no further than need be, and never wrong for it.
 
 
 def plan(below_m=1.0):
@@ -173,3 +189,248 @@ def test_what_was_taken_over_and_is_damaged_is_one_clear_error(tmp_path):
     writer.close()
     with pytest.raises(JournalError, match=r"run\.jsonl: not the state of a run"):
         replay(read_journal(tmp_path / "run.jsonl"), plan())
+
+
+# What other rules change over a recording: events, chatter, lateness, what they let pass.
+
+FRAME_S = 0.05
+
+
+def plan_of_alarm(below_m=1.0, **changes):
+    alarm = AlarmRule(name="near", target="ball", condition=DistanceCondition(below=below_m), off_delay_s=0.0)
+    return Plan(targets=("ball",), rules=(replace(alarm, **changes),))
+
+
+def tallied(rules, distances_m):
+    class Tallied(Rehearsal):
+        def cycle(self, observation):
+            decision = super().cycle(observation)
+            tally.add(observation, decision)
+            return decision
+
+    tally = Tally(rules)
+    Tallied(rules, frame_s=FRAME_S).see(*distances_m)
+    return tally
+
+
+def way(*legs):
+    """Return distances a frame at a time: of each leg from where, to where, at what speed."""
+    distances_m = []
+    for from_m, to_m, speed_mps in legs:
+        frames = round(abs(to_m - from_m) / speed_mps / FRAME_S)
+        distances_m += [from_m + (to_m - from_m) * number / frames for number in range(frames)]
+    return distances_m
+
+
+IN_AND_OUT = way((3.0, 0.5, 0.5), (0.5, 3.0, 0.5))
+
+
+def kinds(diff):
+    return [(change.change, change.event.kind.value, change.event.source) for change in diff.changes]
+
+
+def test_the_same_rules_change_nothing():
+    diff = compare(tallied(plan_of_alarm(), IN_AND_OUT), tallied(plan_of_alarm(), IN_AND_OUT))
+    assert diff.changes == ()
+    assert diff.same == 3
+    assert diff.minutes == pytest.approx(len(IN_AND_OUT) * FRAME_S / 60, rel=0.02)
+
+
+def test_a_nearer_limit_moves_the_alarm_later_and_its_end_earlier():
+    diff = compare(tallied(plan_of_alarm(1.2), IN_AND_OUT), tallied(plan_of_alarm(1.0), IN_AND_OUT))
+    raised, cleared = diff.changes
+    assert (raised.change, raised.event.kind, cleared.change, cleared.event.kind) == (
+        "moved",
+        EventKind.RAISED,
+        "moved",
+        EventKind.CLEARED,
+    )
+    assert raised.by_s == pytest.approx(0.2 / 0.5, abs=0.11)
+    assert cleared.by_s == pytest.approx(-0.2 / 0.5, abs=0.11)
+
+
+def test_a_limit_that_is_never_crossed_loses_the_alarm_and_the_other_way_round_adds_it():
+    crossed, never = tallied(plan_of_alarm(1.0), IN_AND_OUT), tallied(plan_of_alarm(0.3), IN_AND_OUT)
+    assert kinds(compare(crossed, never)) == [("lost", "raised", "near"), ("lost", "cleared", "near")]
+    assert kinds(compare(never, crossed)) == [("added", "raised", "near"), ("added", "cleared", "near")]
+
+
+def test_an_on_delay_shows_as_lateness_and_as_distance_let_pass():
+    prompt = tallied(plan_of_alarm(), IN_AND_OUT).figures()[0]
+    slow = tallied(plan_of_alarm(on_delay=OnDelay(hold_s=0.5)), IN_AND_OUT).figures()[0]
+    assert prompt.late_median_s == pytest.approx(0.0, abs=0.1)
+    assert slow.late_median_s == pytest.approx(0.5, abs=0.12)
+    assert slow.least_distance_m == pytest.approx(1.0 - 0.5 * 0.5, abs=0.06)
+    assert prompt.least_distance_m > slow.least_distance_m
+    assert (slow.missed, slow.unfounded) == (0, 0)
+
+
+def test_a_crossing_that_raised_nothing_is_missed():
+    figures = tallied(plan_of_alarm(on_delay=OnDelay(hold_s=60.0)), IN_AND_OUT).figures()[0]
+    assert (figures.raised, figures.missed, figures.late_median_s) == (0, 1, None)
+
+
+def test_rules_that_only_one_side_has_are_shown_for_that_side():
+    other = Plan(targets=("ball",), rules=(replace(plan_of_alarm().rules[0], name="close"),))
+    changes = compare(tallied(plan_of_alarm(), IN_AND_OUT), tallied(other, IN_AND_OUT)).rules
+    assert [(change.rule, change.old is None, change.new is None) for change in changes] == [
+        ("close", True, False),
+        ("near", False, True),
+    ]
+
+
+def seconds(count):
+    return [number * FRAME_S for number in range(count)]
+
+
+def test_the_moment_of_a_crossing_is_found_between_frames_and_without_delay():
+    distances_m = [2.0 - 1.0 * at_s for at_s in seconds(40)]
+    (stay,) = stays(seconds(40), distances_m, DistanceCondition(below=1.123))
+    assert stay == Stay(pytest.approx(0.877, abs=1e-6), pytest.approx(39 * FRAME_S), is_entered=True)
+
+
+@given(
+    distances_m=st.lists(st.floats(0.1, 10) | st.just(math.nan), max_size=60),
+    gaps_s=st.lists(st.floats(0.01, 2), min_size=60, max_size=60),
+)
+def test_stays_are_in_order_apart_and_within_what_was_measured(distances_m, gaps_s):
+    at_s = [sum(gaps_s[: number + 1]) for number in range(len(distances_m))]
+    found = stays(at_s, distances_m, DistanceCondition(below=3.0, above=1.0))
+    bounds_s = [bound_s for stay in found for bound_s in (stay.from_s, stay.to_s)]
+    assert bounds_s == sorted(bounds_s)
+    assert all(at_s[0] <= bound_s <= at_s[-1] for bound_s in bounds_s)
+
+
+@given(
+    old_s=st.lists(st.floats(0, 100), max_size=12).map(sorted),
+    new_s=st.lists(st.floats(0, 100), max_size=12).map(sorted),
+)
+def test_every_event_is_counted_once(old_s, new_s):
+    def raised(times_s):
+        tally = Tally(plan_of_alarm())
+        tally.events = [
+            Event(kind=EventKind.RAISED, source="near", at_s=at_s, severity=Severity.ALARM, reason="")
+            for at_s in times_s
+        ]
+        return tally
+
+    diff = compare(raised(old_s), raised(new_s))
+    count = {name: sum(change.change == name for change in diff.changes) for name in ("added", "lost", "moved")}
+    assert diff.same + count["moved"] + count["lost"] == len(old_s)
+    assert diff.same + count["moved"] + count["added"] == len(new_s)
+    assert all(abs(change.by_s) <= 5.0 for change in diff.changes)
+
+
+# What changed rules would have done on a recording is what a replay with them says.
+
+RULES = """
+[camera]
+driver = "simulated"
+model = "camera.toml"
+[targets.ball]
+detector = "ideal"
+[actuators.buzzer]
+driver = "simulated"
+[world]
+path = [{{ at = "0 s", x = "2 m", y = "0 m" }}]
+[rules.near]
+group = "one"
+actuator = "buzzer"
+when = {{ below = "{below} m", deadband = "{deadband} m" }}
+on_delay = "{on_delay} s"
+off_delay = "{off_delay} s"
+lost = {{ policy = "clear" }}
+[rules.first]
+group = "one"
+when = {{ below = "1.5 m" }}
+[rules.long]
+when = {{ rule = "near" }}
+on_delay = "3 s"
+[rules.apart]
+when = {{ above = "2 m" }}
+{more}
+"""
+BASE = '[base]\ndriver = "simulated"'
+AS_IT_IS = {"below": 1.0, "deadband": 0.0, "on_delay": 0.0, "off_delay": 1.0, "more": ""}
+
+
+def load(folder: Path, **changes: object) -> Configuration:
+    (folder / "camera.toml").write_text(camera_file_text(LENS))
+    place = folder / "stadimeter.toml"
+    return load_configuration(place, texts={place: RULES.format(**{**AS_IT_IS, **changes})})
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> KeptRecording:
+    """Return a recording of a ball that comes and goes, is lost, and of an operator who shelves."""
+    folder = tmp_path_factory.mktemp("what-if")
+    configuration = load(folder)
+    writer = JournalWriter(folder / "run.jsonl", to_be_recorded(configuration))
+
+    class Recorded(Rehearsal):
+        def cycle(self, observation: Observation) -> Decision:
+            decision = super().cycle(observation)
+            writer.write(CycleRecord(observation=observation, decision=decision, applied=(), timings_s={}))
+            return decision
+
+    rehearsal = Recorded(configuration.plan)
+    for part in range(4):
+        rehearsal.see(*(1.6 + 1.1 * math.sin((each + 400 * part) / 23) * math.sin(each / 7) for each in range(250)))
+        rehearsal.see(*[None] * 80)
+        rehearsal.tell("shelve", "near", for_s=5.0)
+        rehearsal.wait(1.0)
+    writer.close()
+    found = KeptRecording(recording=read_recording(folder / "run.jsonl"), configuration=configuration)
+    found.go_on(math.inf)
+    return found
+
+
+def replayed(kept: KeptRecording, new: Configuration) -> tuple[ReplayDiff, SideBySide]:
+    """Return what ``replay --config NEW --diff OLD`` compares."""
+    beside = SideBySide(ReplayRun(kept.recording, kept.configuration), ReplayRun(kept.recording, new))
+    beside.go_on(math.inf)
+    return beside.difference(), beside
+
+
+def without_counts(diff: ReplayDiff) -> list[str]:
+    """Return the changes without the count of each event, which goes on over those of rules that were not judged."""
+    return sorted(repr(replace(each, event=replace(each.event, sequence=0))) for each in diff.changes)
+
+
+@pytest.mark.long
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    below=st.sampled_from([0.6, 0.9, 1.0, 1.3, 2.0]),
+    deadband=st.sampled_from([0.0, 0.2]),
+    on_delay=st.sampled_from([0.0, 0.5, 2.0]),
+    off_delay=st.sampled_from([0.0, 1.0, 3.0]),
+)
+def test_it_is_what_a_replay_says(kept: KeptRecording, **changes: float) -> None:
+    new = load(kept.configuration.path.parent, **changes)
+    after = kept.decide_with(new.plan)
+    diff, beside = replayed(kept, new)
+    found = compare(kept.side.tally, after.tally)
+    assert without_counts(found) == without_counts(diff)
+    assert (found.rules, found.same, found.minutes) == (diff.rules, diff.same, diff.minutes)
+    assert {name: lane.spans for name, lane in after.rules.items()} == {
+        name: lane.spans for name, lane in beside.new.rules.items()
+    }
+
+
+@pytest.mark.long
+def test_only_what_depends_on_a_changed_rule_is_judged_again(kept: KeptRecording) -> None:
+    new = load(kept.configuration.path.parent, below=2.0)
+    names = [new.plan.rules[each].name for each in judged_apart(kept.configuration.plan, new.plan) or ()]
+    assert names == ["near", "first", "long"], "itself, one of its group, and one that asks for it"
+
+
+@pytest.mark.long
+def test_where_it_is_not_certain_everything_is_decided_again(kept: KeptRecording) -> None:
+    more = '[rules.follow]\nfollow = { distance = "1 m" }\nactuator = "base"\nwhen = { rule = "near" }\n' + BASE
+    folder = kept.configuration.path.parent
+    old, new = load(folder, more=more), load(folder, more=more, below=1.3)
+    assert judged_apart(old.plan, new.plan) is None
+    again = KeptRecording(recording=kept.recording, configuration=old)
+    again.go_on(math.inf)
+    diff, _ = replayed(again, new)
+    assert compare(again.side.tally, again.decide_with(new.plan).tally).changes == diff.changes

@@ -1,24 +1,38 @@
-"""Editing on the page: what is found while typing, saving, versions, and two who save at once."""
+"""Editing on the page: text, versions and colours; and the process that answers."""
 
 from __future__ import annotations
 
 import errno
 import json
 import os
+from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.errors import ChangedMeanwhileError, ConfigError, NotThereError, StadimeterError
+from stadimeter.errors import ChangedMeanwhileError, ConfigError, DriverError, NotThereError, StadimeterError
 from stadimeter.web.routes import PAGE_OPERATIONS
 from stadimeter.workbench import saving
+from stadimeter.workbench.colour_aids import with_range
+from stadimeter.workbench.saving import versions
 from stadimeter.workbench.server import editing
-from stadimeter.workbench.server.operations import Desk, find_operation
+from stadimeter.workbench.server.editing import saved_text, version_of
+from stadimeter.workbench.server.operations import Desk, DeskReply, find_operation
+from stadimeter.workbench.server.process import REQUEST_MAX_BYTES, serve
+from support.browser import STILL, Served, served
 from support.saves import CONFIGURATION
+
+pytestmark = pytest.mark.vision
+
+
+# Editing on the page: what is found while typing, saving, versions, and two who save at once.
 
 HERE = CONFIGURATION.format(below="1 m")
 THERE = CONFIGURATION.format(below="50 cm")
@@ -243,3 +257,140 @@ def test_a_kept_version_can_be_read_by_those_only_who_could_read_the_file(desk: 
     kept = ask(desk, "save", text=THERE, base_version=version(desk))["kept"]
     file = desk.configuration.parent / saving.VERSIONS / kept / desk.configuration.name
     assert file.stat().st_mode & 0o777 == 0o640
+
+
+# The range of colours of a run's ball on the page: its mask, what it gives, and saving it.
+
+GREEN, RED = "29,86,6:64,255,255", "170,120,70:10,255,255"
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with served(tmp_path_factory.mktemp("still"), STILL) as serving:
+        yield serving
+
+
+@pytest.fixture
+def desk_of_run(still: Served) -> Desk:
+    (socket,) = Path(still.environment["XDG_RUNTIME_DIR"]).rglob("*.sock")
+    still.configuration.write_text(STILL)
+    return Desk(configuration=still.configuration, run_socket=socket)
+
+
+def ask_colours(desk_of_run: Desk, op: str, **args: object) -> DeskReply:
+    return find_operation(f"colours.{op}")(desk_of_run, {"target": "ball", **args})
+
+
+@pytest.mark.long
+def test_the_saved_range_is_shown_with_what_the_ball_and_the_rest_give(desk_of_run: Desk) -> None:
+    reply = ask_colours(desk_of_run, "picture", width_px=320)
+    values = reply.data
+    assert values["colour"] == GREEN
+    assert values["distance_m"] == pytest.approx(3.2, rel=0.05)
+    given = values["range"]
+    assert given["is_found"]
+    assert given["ball_share"] > 0.8
+    assert given["elsewhere_share"] < 0.01
+    assert 0 < given["sigma_share"] < 0.05
+    image = cv2.imdecode(np.frombuffer(reply.attached, np.uint8), cv2.IMREAD_COLOR)
+    assert image.shape[1] == 320
+
+
+def test_a_range_is_saved_like_any_text_and_the_former_one_is_kept(desk_of_run: Desk) -> None:
+    before = len(versions(desk_of_run.configuration))
+    answer = ask_colours(desk_of_run, "keep", range=RED, base_version=version_of(STILL)).data
+    text = saved_text(desk_of_run)
+    assert text == STILL.replace(GREEN, RED)
+    assert answer["version"] == version_of(text)
+    assert answer["needs"] == "restart"
+    assert len(versions(desk_of_run.configuration)) == before + 1
+    with pytest.raises(ChangedMeanwhileError):
+        ask_colours(desk_of_run, "keep", range=GREEN, base_version=version_of(STILL))
+
+
+@pytest.mark.parametrize(
+    "wrong", ["red", "1,2,3", "200,0,0:10,255,255", '29,86,6:64,255,255"\nport = "', "9,9,9:1,1,1"]
+)
+def test_a_range_that_is_none_changes_nothing(desk_of_run: Desk, wrong: str) -> None:
+    with pytest.raises(ConfigError):
+        ask_colours(desk_of_run, "picture", range=wrong)
+    with pytest.raises(ConfigError):
+        ask_colours(desk_of_run, "keep", range=wrong, base_version=version_of(STILL))
+    assert saved_text(desk_of_run) == STILL
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        '[targets.ball]\ndetector = "ball"\nhsv = "{}"  # in daylight\ndiameter = "20 cm"\n',
+        "[targets.ball]\ndetector = 'ball'\nhsv='{}'\ndiameter = '20 cm'\n",
+        '[targets]\nball = {{ detector = "ball", hsv = "{}", diameter = "20 cm" }}\n',
+        'targets.ball.detector = "ball"\ntargets.ball.hsv = "{}"\ntargets.ball.diameter = "20 cm"\n',
+    ],
+)
+def test_only_the_range_changes_however_it_is_written(tmp_path: Path, table: str) -> None:
+    path = tmp_path / "stadimeter.toml"
+    text = (
+        table.format(GREEN) + '[camera]\ndriver = "simulated"\n[world]\npath = [{ at = "0 s", x = "2 m", y = "0 m" }]\n'
+    )
+    path.write_text(text)
+    changed = with_range(text, load_configuration(path).spans, "ball", RED)
+    assert changed.replace(RED, GREEN).replace('"', "'") == text.replace('"', "'")
+    path.write_text(changed)
+    assert str(load_configuration(path).targets[0].options.hsv) == RED  # type: ignore[attr-defined]
+
+
+# What the workbench process answers on a pipe. The page's tests ask the whole process.
+
+
+def _exchanged(desk: Desk, *lines: bytes) -> list[dict[str, Any]]:
+    """Return the answers of `serve` to lines; a file holds more of them than a pipe that nobody reads yet."""
+    asked = desk.configuration.with_name("requests")
+    asked.write_bytes(b"".join(line + b"\n" for line in lines))
+    answers = BytesIO()
+    with asked.open("rb", buffering=0) as requests:
+        serve(desk, requests, answers)
+    return [json.loads(line) for line in answers.getvalue().splitlines()]
+
+
+def test_what_is_no_request_is_refused_and_the_next_is_answered(tmp_path: Path) -> None:
+    bad = (b"", b"{", b"[]", b'{"op": 1}', b'{"op": "nothing"}', b"x" * (REQUEST_MAX_BYTES + 10), b"[" * 100_000)
+    *refused, answered = _exchanged(Desk(configuration=tmp_path / "a.toml"), *bad, b'{"op": "setup_operations.state"}')
+    assert [each["status"] for each in refused] == ["error"] * len(bad)
+    assert answered["data"]["question"] is None
+
+
+def test_a_defect_in_an_operation_is_told_and_ends_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def divide(_desk: Desk, _args: object) -> DeskReply:
+        return DeskReply(data=1 / 0)
+
+    def fine(_desk: Desk, _args: object) -> DeskReply:
+        return DeskReply(data="fine")
+
+    monkeypatch.setattr(
+        "stadimeter.workbench.server.process.find_operation", {"divide": divide, "fine": fine}.__getitem__
+    )
+    first, second = _exchanged(Desk(configuration=tmp_path / "a.toml"), b'{"op": "divide"}', b'{"op": "fine"}')
+    assert first["status"] == "error"
+    assert first["code"] == "defect"
+    assert "ZeroDivisionError" in capfd.readouterr().err
+    assert second["data"] == "fine"
+
+
+def test_the_desk_comes_to_rest_at_the_end_even_if_nobody_reads_the_answer(tmp_path: Path) -> None:
+    rested: list[str] = []
+
+    def busy() -> None:
+        raise DriverError("the camera does not close")
+
+    desk = Desk(configuration=tmp_path / "a.toml", at_rest=[busy, lambda: rested.append("camera")])
+    in_end, in_start = os.pipe()
+    out_end, out_start = os.pipe()
+    os.close(out_end)
+    os.write(in_start, b'{"op": "setup_operations.state"}\n')
+    with os.fdopen(in_end, "rb", buffering=0) as requests, os.fdopen(out_start, "wb", buffering=0) as answers:
+        serve(desk, requests, answers)
+    os.close(in_start)
+    assert rested == ["camera"]

@@ -1,11 +1,15 @@
-"""Recordings on the page: the list, any moment of one, and names that lead nowhere."""
+"""Recordings and the timeline on the page: any moment of one, and what other rules would have done."""
 
 from __future__ import annotations
 
 import json
+import os
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -13,22 +17,35 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from stadimeter.app.control.client import ask_timeline as ask_run
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration
+from stadimeter.app.event_log import EventLog
+from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration, to_be_recorded
 from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter
+from stadimeter.app.timeline import TimelineKeeper, event_log_beside
+from stadimeter.config.camera_file import camera_file_text
+from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.frame import Frame
-from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.core.measurement import Measurement, MeasurementStatus, Track, TrackStatus
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
-from stadimeter.errors import JournalError, NotThereError
+from stadimeter.errors import ConfigError, JournalError, NotThereError
 from stadimeter.ranging.ball import BallShape
+from stadimeter.workbench.replay import comparison
+from stadimeter.workbench.replay.comparison import SPANS_MAX, Lane
 from stadimeter.workbench.replay.recording_reader import read_index
+from stadimeter.workbench.server import timeline
 from stadimeter.workbench.server.operations import Desk, find_operation
 from support.observing import Rehearsal
+from support.saves import CONFIGURATION, LENS
+from support.simulated_run import SIMULATED_BALL
+
+# Recordings on the page: the list, any moment of one, and names that lead nowhere.
 
 TEXT = '[rules.near]\nwhen = { below = "1 m" }\n'
 RECORDED = Recorded(
@@ -235,3 +252,291 @@ def test_clips_are_listed_beside_recordings_with_what_they_are_of_and_are_found_
     assert ask(desk, "recordings.delete", name="clip.mcap") == {"name": "clip.mcap"}
     with pytest.raises(NotThereError):
         ask(desk, "recordings.recording", name="clip.mcap")
+
+
+# What an edited configuration would have done on a recording, as the page draws it.
+
+BEFORE = CONFIGURATION.format(below="1 m")
+AFTER = CONFIGURATION.format(below="2 m")
+FRAMES = 300
+IN_AND_OUT = [3.0 - 2.6 * (1 - abs(frame - FRAMES / 2) / (FRAMES / 2)) for frame in range(FRAMES)]
+"""From 3 m to 0.4 m and back, at 30 frames a second."""
+
+
+@pytest.fixture
+def desk_of_walk(tmp_path: Path) -> Desk:
+    desk_of_walk = Desk(configuration=tmp_path / "stadimeter.toml", run_socket=tmp_path / "none.sock")
+    (tmp_path / "camera.toml").write_text(camera_file_text(LENS))
+    desk_of_walk.configuration.write_text(BEFORE)
+    configuration = load_configuration(desk_of_walk.configuration)
+    (tmp_path / "recordings").mkdir()
+    writer = JournalWriter(tmp_path / "recordings" / "walk.jsonl", to_be_recorded(configuration))
+
+    class Recorded(Rehearsal):
+        def cycle(self, observation: Observation) -> Decision:
+            decision = super().cycle(observation)
+            writer.write(CycleRecord(observation=observation, decision=decision, applied=(), timings_s={}))
+            return decision
+
+    Recorded(configuration.plan, frame_s=1 / 30).see(*IN_AND_OUT)
+    writer.close()
+    return desk_of_walk
+
+
+def diff(desk_of_walk: Desk, text: str, **args: object) -> Any:
+    return find_operation("replaying.replay_diff")(desk_of_walk, {"name": "walk.jsonl", "text": text, **args}).data
+
+
+def test_a_farther_threshold_is_crossed_earlier_and_left_later(desk_of_walk: Desk) -> None:
+    found = diff(desk_of_walk, AFTER)
+    (lane,) = found["lanes"]
+    (before,), (after,) = lane["before"], lane["after"]
+    assert after["from_s"] < before["from_s"] < before["to_s"] < after["to_s"]
+    assert before["from_s"] == pytest.approx(2.0 / 2.6 * 5, abs=0.3), "when 1 m was crossed"
+    assert after["from_s"] == pytest.approx(1.0 / 2.6 * 5, abs=0.3), "when 2 m was crossed"
+    assert found["thresholds_m"] == [2.0]
+    (output,) = found["outputs"]
+    assert max(level for _, level in output["after"]) == 1.0
+    assert found["progress"] == 1.0
+    assert [(each["change"], each["source"]) for each in found["differences"]] == [("moved", "near")] * 2
+
+
+def test_a_recording_that_is_damaged_is_compared_up_to_there(desk_of_walk: Desk) -> None:
+    file = desk_of_walk.configuration.parent / "recordings" / "walk.jsonl"
+    lines = file.read_bytes().split(b"\n")
+    lines[200] = b'{"observation":{"now_s":6.0,"frame":nothing}}'
+    file.write_bytes(b"\n".join(lines))
+    found = diff(desk_of_walk, AFTER)
+    assert (found["progress"], round(found["to_s"])) == (1.0, 7)
+    assert any("walk.jsonl:201" in words for words in found["words"])
+
+
+def test_a_long_recording_is_answered_in_parts_which_come_to_the_same(
+    desk_of_walk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_once = diff(desk_of_walk, AFTER)
+    desk_of_walk.kept.clear()
+    ticks = iter(range(100_000))
+    monkeypatch.setattr(comparison.time, "monotonic", lambda: next(ticks) / 1000)
+    monkeypatch.setattr(comparison.SideBySide.go_on, "__defaults__", (comparison.time.monotonic,))
+    shares = []
+    while not shares or shares[-1] < 1:
+        part = diff(desk_of_walk, AFTER, for_s=0.1)
+        shares.append(part["progress"])
+    assert 2 < len(shares) < 10
+    assert shares == sorted(shares)
+    assert part == at_once
+
+
+def test_two_who_compare_at_once_both_come_to_the_end_also_while_the_recording_grows(
+    desk_of_walk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ticks = iter(range(100_000))
+    monkeypatch.setattr(comparison.SideBySide.go_on, "__defaults__", (lambda: next(ticks) / 1000,))
+    recording = desk_of_walk.configuration.parent / "recordings" / "walk.jsonl"
+    line = recording.read_bytes().splitlines(keepends=True)[-1]
+    shares = {BEFORE: [0.0], AFTER: [0.0]}
+    while min(each[-1] for each in shares.values()) < 1:
+        with recording.open("ab") as file:
+            file.write(line)
+        for text, share in shares.items():
+            share.append(diff(desk_of_walk, text, for_s=0.1)["progress"])
+            assert share[-1] == 1 or share[-1] > share[-2]
+    assert min(map(len, shares.values())) > 3
+
+
+def test_of_too_many_spans_those_nearest_to_each_other_are_joined() -> None:
+    lane = Lane()
+    for number in range(2 * SPANS_MAX):
+        begin_s = number * 10.0 + (5.0 if number % 2 else 0.0)
+        lane.add(begin_s, is_on=True)
+        lane.add(begin_s + 1.0, is_on=False)
+    found = lane.thinned()
+    assert len(found) == SPANS_MAX
+    assert (found[0][0], found[-1][1]) == (lane.spans[0][0], lane.spans[-1][1])
+
+
+# The timeline for the page: any stretch of time in steps, events of the log, clips, and what is known of a moment.
+
+RULES = """
+[rules.near]
+actuator = "motor"
+when = { below = "1 m" }
+on_delay = "0 s"
+
+[rules.far]
+actuator = "motor"
+ramp = { from = "2.5 m", to = "3.5 m" }
+
+[world]
+"""
+BEGAN_S = 1_782_907_200
+"""2026-07-01 12:00 UTC."""
+
+
+def ask_timeline(desk_of_timeline: Desk, op: str, **args: object) -> Any:
+    return find_operation(op)(desk_of_timeline, {key.rstrip("_"): value for key, value in args.items()}).data
+
+
+@pytest.fixture
+def desk_of_timeline(tmp_path: Path) -> Desk:
+    path = tmp_path / "room.toml"
+    path.write_text(SIMULATED_BALL + RULES)
+    return Desk(configuration=path, run_socket=tmp_path / "none.sock")
+
+
+@pytest.fixture
+def timeline_folder(desk_of_timeline: Desk) -> Path:
+    return desk_of_timeline.configuration.parent / "timeline" / "room"
+
+
+def keep(
+    timeline_folder: Path,
+    distances_m: list[float | None],
+    began_s: int = BEGAN_S,
+    rule: str = "near",
+    run_rate: float = 1.0,
+) -> None:
+    """Keep a second for each distance; nearer than 1 m the rule is active. The run's clock has its own rate."""
+    times = iter(range(began_s, began_s + len(distances_m)))
+    keeper = TimelineKeeper(timeline_folder, 1e9, lambda: next(times))
+    for second, metres in enumerate(distances_m):
+        status = TrackStatus.LOST if metres is None else TrackStatus.TRACKING
+        track = Track(target="ball", status=status, distance_m=metres, sigma_m=0.02)
+        trace = RuleTrace(rule=rule, status=RuleStatus.ACTIVE if (metres or 9) < 1 else RuleStatus.IDLE)
+        decision, observation = (
+            SimpleNamespace(tracks=(track,), rules=(trace,)),
+            SimpleNamespace(now_s=run_rate * second),
+        )
+        keeper(SimpleNamespace(decision=decision, observation=observation))  # type: ignore[arg-type]
+        keeper.step()
+    keeper.close()
+
+
+def test_a_stretch_is_answered_in_steps_with_extremes_gaps_and_lanes(
+    desk_of_timeline: Desk, timeline_folder: Path
+) -> None:
+    keep(timeline_folder, [2.0] * 60 + [None] * 60 + [2.0, 0.5, 2.0] + [2.0] * 57)
+    found = ask_timeline(desk_of_timeline, "timeline.timeline", from_=BEGAN_S - 60, to=BEGAN_S + 240, points=5)
+    assert (found["from_s"], found["step_s"], found["count"]) == (BEGAN_S - 60, 60, 5)
+    assert found["targets"]["ball"]["low_m"] == [None, 2.0, None, 0.5, None]
+    assert found["targets"]["ball"]["high_m"] == [None, 2.0, None, 2.0, None]
+    assert found["targets"]["ball"]["mean_m"][3] == pytest.approx(2.0 - 1.5 / 60, abs=1e-3)
+    assert found["lanes"] == [
+        {"rule": "near", "spans": [(BEGAN_S, BEGAN_S + 120, "idle"), (BEGAN_S + 120, BEGAN_S + 180, "active")]}
+    ]
+    assert found["is_kept"]
+
+
+@pytest.mark.parametrize("stretch", [(5, 5), (9, 5), (-1, 5), (0, 1e9)])
+def test_a_stretch_that_is_none_is_refused(desk_of_timeline: Desk, stretch: tuple[float, float]) -> None:
+    with pytest.raises(ConfigError, match="at most 366 days"):
+        ask_timeline(desk_of_timeline, "timeline.timeline", from_=stretch[0], to=stretch[1])
+
+
+@pytest.mark.parametrize("is_service", [True, False])
+def test_events_come_from_the_event_log(desk_of_timeline: Desk, timeline_folder: Path, is_service: bool) -> None:
+    timeline_folder.mkdir(parents=True)
+    path = timeline_folder.parents[1] / "room.log" if is_service else event_log_beside(timeline_folder)
+    now = datetime.fromtimestamp(BEGAN_S, UTC)
+    log = EventLog(path, now=lambda: now, is_right=lambda: True)
+    log.say("started: stadimeter 1, room.toml")
+    for kind, by in ((EventKind.RAISED, ""), (EventKind.OUT_OF_SERVICE, "zoe")):
+        now += timedelta(seconds=10)
+        event = Event(kind=kind, source="near", at_s=0.0, severity=Severity.ALARM, reason="0.45 m: below 1 m", by=by)
+        log(SimpleNamespace(decision=SimpleNamespace(events=(event,), safety=SafetyMode.STOPPED)))  # type: ignore[arg-type]
+    log.close()
+    found = ask_timeline(desk_of_timeline, "timeline.timeline", from_=BEGAN_S - 5, to=BEGAN_S + 15)["events"]
+    assert [(each["unix_s"], each["kind"], each["source"], each["reason"]) for each in found] == [
+        (BEGAN_S, "", "", "started: stadimeter 1, room.toml"),
+        (BEGAN_S + 10, "raised", "near", "0.45 m: below 1 m"),
+    ]
+    (last,) = ask_timeline(desk_of_timeline, "timeline.timeline", from_=BEGAN_S + 15, to=BEGAN_S + 25)["events"]
+    assert (last["kind"], last["by"], last["severity"]) == ("out_of_service", "zoe", "alarm")
+
+
+def test_thresholds_have_the_names_by_which_they_are_set(desk_of_timeline: Desk) -> None:
+    assert ask_timeline(desk_of_timeline, "timeline.marks", from_=0, to=60)["thresholds"] == [
+        {"rule": "near", "target": "ball", "key": "below", "value_m": 1.0},
+        {"rule": "far", "target": "ball", "key": "ramp", "value_m": 2.5},
+    ]
+    desk_of_timeline.configuration.write_text("broken")
+    assert ask_timeline(desk_of_timeline, "timeline.marks", from_=0, to=60)["thresholds"] == []
+
+
+def test_a_moment_that_no_recording_holds_is_told_by_the_timeline(
+    desk_of_timeline: Desk, timeline_folder: Path
+) -> None:
+    keep(timeline_folder, [2.0, 0.5])
+    found = ask_timeline(desk_of_timeline, "timeline.moment", at=BEGAN_S + 1.4)
+    assert found["by"] == "timeline"
+    assert found["targets"][0]["distance_m"] == 0.5
+    assert found["rules"] == [{"rule": "near", "status": "active", "reason": ""}]
+
+
+class Observed(Rehearsal):
+    """A rehearsal that keeps what it was given last."""
+
+    def cycle(self, observation: Observation) -> Decision:
+        self.observation = observation
+        return super().cycle(observation)
+
+
+@pytest.fixture
+def recorded(desk_of_timeline: Desk) -> float:
+    """Record two minutes as a clip; the ball is near from the second minute on. Return when it began."""
+    rehearsal = Observed(load_configuration(desk_of_timeline.configuration).plan)
+    path = desk_of_timeline.configuration.parent / "recordings" / "clips" / "one.mcap"
+    path.parent.mkdir(parents=True)
+    text = RecordedConfiguration(text=desk_of_timeline.configuration.read_text())
+    camera = CameraModel.with_focal_length(60.0, 64, 48)
+    writer = RecordingWriter(path, Recorded(configuration=text, camera=camera, sizes={}))
+    began_s = time.time()
+    for number in range(1200):
+        decision = rehearsal.see(2.0 if number < 600 else 0.5)
+        writer.write(CycleRecord(observation=rehearsal.observation, decision=decision, applied=(), timings_s={}))
+    writer.close()
+    os.utime(path, (began_s + 120, began_s + 120))
+    return began_s
+
+
+@pytest.mark.long
+def test_a_moment_that_a_recording_holds_is_explained_by_it(desk_of_timeline: Desk, recorded: float) -> None:
+    for after_s, status, words in ((30, "idle", "2.000 m"), (110, "active", "0.500 m")):
+        found = ask_timeline(desk_of_timeline, "timeline.moment", at=recorded + after_s)
+        assert (found["by"], found["recording"]) == ("recording", "one.mcap")
+        near = next(each for each in found["rules"] if each["rule"] == "near")
+        assert near["status"] == status
+        assert words in near["reason"]
+
+
+@pytest.mark.long
+def test_a_moment_of_a_run_that_lagged_is_explained_by_the_clock_of_the_run(
+    desk_of_timeline: Desk, timeline_folder: Path, recorded: float
+) -> None:
+    """Two minutes of a run took four by the computer's clock: after 100 s the ball is not near yet."""
+    keep(timeline_folder, [2.0] * 240, began_s=int(recorded), run_rate=0.5)
+    path = desk_of_timeline.configuration.parent / "recordings" / "clips" / "one.mcap"
+    os.utime(path, (recorded + 240, recorded + 240))
+    for after_s, status in ((100, "idle"), (200, "active")):
+        found = ask_timeline(desk_of_timeline, "timeline.moment", at=recorded + after_s)
+        near = next(each for each in found["rules"] if each["rule"] == "near")
+        assert (found["held_by"], near["status"]) == ("clips/one.mcap", status)
+        assert found["since_s"] == pytest.approx(after_s / 2, abs=1.5)
+
+
+def test_a_moment_of_the_last_minute_is_explained_by_the_run(
+    desk_of_timeline: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = {"rule": "near", "status": "idle", "sentence": "idle: 2.0 m", "evidence": []}
+
+    def answer(_socket: Path, op: str, args: dict[str, float], wait_s: float) -> dict[str, Any]:
+        assert (op, wait_s > 0) == ("explain", True)
+        assert args["at_unix_s"] == pytest.approx(time.time(), abs=30)
+        return {"rules": [told]}
+
+    assert ask_run is timeline.ask
+    monkeypatch.setattr(timeline, "ask", answer)
+    found = ask_timeline(desk_of_timeline, "timeline.moment", at=time.time() - 5)
+    assert found["by"] == "run"
+    assert found["rules"] == [{"rule": "near", "status": "idle", "reason": "idle: 2.0 m"}]

@@ -1,4 +1,4 @@
-"""A camera that turns and tilts keeps its target in the middle of the view, and a tilt upsets nothing else."""
+"""A camera on servos turns and tilts with its target through the whole program, and stands whenever it should."""
 
 from __future__ import annotations
 
@@ -12,11 +12,99 @@ from typing import Any
 
 import pytest
 
+from stadimeter.config.loader import load_configuration
 from stadimeter.core.decision import EventKind, SafetyMode
+from stadimeter.errors import ConfigError
 from support.simulated_run import LENS
 
+# A camera on a servo turns with its target through the whole program, and stands whenever it should.
+
 PAGE = (Path(__file__).parents[2] / "docs" / "robots.md").read_text(encoding="utf-8")
-(GUIDE,) = re.findall(r"### Up and down, too\n.*?```toml\n(.*?)```", PAGE, re.DOTALL)
+(GUIDE,) = re.findall(r"## A camera on a servo\n.*?```toml\n(.*?)```", PAGE, re.DOTALL)
+SIMULATED = GUIDE.replace('port = "/dev/i2c-1"', 'port = "emulated-pca9685"')
+
+# From straight ahead to 40° on the left, to 40° on the right and back, 2 m away, at up to 20° a second.
+SWAYS = """
+[world]
+path = [
+  { at = "0 s", x = "2 m", y = "0 m" },
+  { at = "4 s", x = "1.5 m", y = "1.3 m" },
+  { at = "12 s", x = "1.5 m", y = "-1.3 m" },
+  { at = "16 s", x = "2 m", y = "0 m" },
+]
+"""
+
+
+def with_world(world: str = SWAYS, guide: str = SIMULATED) -> str:
+    camera = f'[camera]\ndriver = "simulated"\nrate = "30 Hz"\nrender = false\n{LENS}\n'
+    target = '[targets.ball]\ndetector = "ideal"\n'
+    return camera + target + guide + world
+
+
+def heading_deg(run: Any) -> float:
+    return math.degrees(run.world.robot.pose.heading_rad)
+
+
+def test_a_target_that_walks_by_stays_in_the_middle_of_the_view(scenario: Callable[..., Any]) -> None:
+    run = scenario(text=with_world())
+    bearings_deg: list[float] = []
+    headings_deg: list[float] = []
+
+    def look(_now_s: float) -> None:
+        x_m, _, z_m = run.world.target_in_camera()
+        bearings_deg.append(math.degrees(math.atan2(x_m, z_m)))
+        headings_deg.append(heading_deg(run))
+
+    run.loop.parts.clock.call_every(0.02, look)
+    run.run(16.0)
+    after_start = bearings_deg[100:]
+    assert max(map(abs, after_start)) < 6.0
+    assert max(headings_deg) > 36.0
+    assert min(headings_deg) < -36.0
+    x_m, y_m = run.world.robot.pose.x_m, run.world.robot.pose.y_m
+    assert math.hypot(x_m, y_m) < 1e-6, "it drives nowhere"
+
+
+@pytest.mark.parametrize("fault", ["camera_blocked", "camera_frozen", "target_hidden"])
+def test_the_camera_stands_within_half_a_second_after_something_went_wrong(
+    scenario: Callable[..., Any], fault: str
+) -> None:
+    run = scenario(text=with_world(guide=SIMULATED.replace("max_speed", 'search = "off", max_speed')))
+    stood: list[float] = []
+    run.at(3.0, lambda: setattr(run.world.faults, fault, True))
+    for at_s in (2.0, 2.9, 3.5, 6.0):
+        run.at(at_s, lambda: stood.append(heading_deg(run)))
+    run.run(6.5)
+    before, at_fault, soon, later = stood
+    assert at_fault - before > 5.0, "it turned"
+    assert later == pytest.approx(soon, abs=0.01)
+
+
+def test_a_target_that_has_left_is_looked_for_within_the_travel_of_the_servo(scenario: Callable[..., Any]) -> None:
+    gone = (
+        '[world]\nloop = false\npath = [{ at = "0 s", x = "2 m", y = "0 m" }, { at = "3 s", x = "1.5 m", y = "1 m" }, '
+        '{ at = "3.5 s", x = "-1.5 m", y = "3 m" }]\n'
+    )
+    run = scenario(text=with_world(gone))
+    headings_deg: list[float] = []
+    run.loop.parts.clock.call_every(0.02, lambda _now_s: headings_deg.append(heading_deg(run)))
+    run.run(30.0)
+    assert max(headings_deg) == pytest.approx(80.0, abs=1.0)
+    events = [event.kind for record in run.records for event in record.decision.events]
+    assert events.count("search_begun") == events.count("search_ended") == 1
+    assert headings_deg[-200:] == pytest.approx([headings_deg[-1]] * 200, abs=0.01)
+
+
+def test_a_rule_that_would_drive_it_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "camera.toml"
+    path.write_text(with_world(guide=SIMULATED.replace('max_speed = "0 m/s"', 'max_speed = "0.1 m/s"')))
+    with pytest.raises(ConfigError, match="turns and drives nowhere"):
+        load_configuration(path)
+
+
+# A camera that turns and tilts keeps its target in the middle of the view, and a tilt upsets nothing else.
+
+(GUIDE_THAT_TILTS,) = re.findall(r"### Up and down, too\n.*?```toml\n(.*?)```", PAGE, re.DOTALL)
 
 # From level to 29° up, to 6° down and back in 8 s, 2 m away: by up to 21° a second.
 BOBS = """
@@ -47,8 +135,8 @@ path = [{ at = "0 s", x = "2 m", y = "0 m", z = "0.25 m" }, { at = "6 s", x = "2
 TRAVEL_DEG = 40.0
 
 
-def with_world(world: str = BOBS, latency_ms: int = 30, camera: str = "render = false", search: str = "") -> str:
-    guide = GUIDE.replace('port = "/dev/i2c-1"', 'port = "emulated-pca9685"').replace(
+def with_tilting(world: str = BOBS, latency_ms: int = 30, camera: str = "render = false", search: str = "") -> str:
+    guide = GUIDE_THAT_TILTS.replace('port = "/dev/i2c-1"', 'port = "emulated-pca9685"').replace(
         "distance =", f"{search}distance ="
     )
     head = f'[camera]\ndriver = "simulated"\nrate = "30 Hz"\nlatency = "{latency_ms} ms"\n{camera}\n{LENS}\n'
@@ -82,7 +170,7 @@ def disarmed(run: Any) -> list[str]:
 def test_a_target_that_moves_up_and_down_stays_near_the_middle_of_the_view(
     scenario: Callable[..., Any], latency_ms: int, rms_deg: float, most_deg: float
 ) -> None:
-    run = scenario(text=with_world(latency_ms=latency_ms))
+    run = scenario(text=with_tilting(latency_ms=latency_ms))
     elevations_deg, tilts_deg = watched(run, elevation_deg), watched(run, tilt_deg)
     run.run(24.0)
     after_start = elevations_deg[150:]
@@ -98,7 +186,7 @@ def test_a_target_that_moves_up_and_down_stays_near_the_middle_of_the_view(
 
 @pytest.mark.long
 def test_it_turns_after_a_target_high_above_it_as_far_as_that_goes_round(scenario: Callable[..., Any]) -> None:
-    run = scenario(text=with_world(SWAYS_HIGH))
+    run = scenario(text=with_tilting(SWAYS_HIGH))
 
     def bearing_deg(run: Any) -> float:
         x_m, _, z_m = run.world.target_in_camera()
@@ -114,7 +202,7 @@ def test_it_turns_after_a_target_high_above_it_as_far_as_that_goes_round(scenari
 def test_the_tilt_stands_within_half_a_second_after_something_went_wrong(
     scenario: Callable[..., Any], fault: str
 ) -> None:
-    run = scenario(text=with_world(search='search = "off", '))
+    run = scenario(text=with_tilting(search='search = "off", '))
     stood: list[float] = []
     run.at(3.5, lambda: setattr(run.world.faults, fault, True))
     for at_s in (2.8, 3.4, 4.0, 6.5):
@@ -126,7 +214,7 @@ def test_the_tilt_stands_within_half_a_second_after_something_went_wrong(
 
 
 def test_while_it_searches_it_stays_tilted_as_it_was(scenario: Callable[..., Any]) -> None:
-    run = scenario(text=with_world(SWAYS_HIGH))
+    run = scenario(text=with_tilting(SWAYS_HIGH))
     seen: list[float] = []
     run.at(4.0, lambda: setattr(run.world.faults, "target_hidden", True))
     for at_s in (4.6, 12.0):
@@ -147,7 +235,7 @@ IN_A_ROOM = 'room = "textured"'
 @pytest.mark.long
 @pytest.mark.parametrize("world", [BOBS, SWAYS_HIGH], ids=["up and down", "high from side to side"])
 def test_a_camera_that_tilts_is_not_taken_for_a_frozen_one(scenario: Callable[..., Any], world: str) -> None:
-    run = scenario(text=with_world(world, camera=IN_A_ROOM)).run(13.0)
+    run = scenario(text=with_tilting(world, camera=IN_A_ROOM)).run(13.0)
     assert disarmed(run) == []
     assert run.records[-1].decision.safety is SafetyMode.ACTIVE
 
@@ -155,7 +243,7 @@ def test_a_camera_that_tilts_is_not_taken_for_a_frozen_one(scenario: Callable[..
 @pytest.mark.long
 @pytest.mark.parametrize("knob", ["frozen_under_clock", "frozen_under_noise"])
 def test_a_picture_that_freezes_while_it_turns_is_found_tilted_as_well(scenario: Callable[..., Any], knob: str) -> None:
-    run = scenario(text=with_world(SWAYS_HIGH, camera=IN_A_ROOM))
+    run = scenario(text=with_tilting(SWAYS_HIGH, camera=IN_A_ROOM))
     run.at(5.5, lambda: setattr(run.world.faults, knob, True))
     run.run(7.0)
     assert [words for words in disarmed(run) if "the picture stands still" in words]
@@ -165,7 +253,7 @@ def test_a_picture_that_freezes_while_it_turns_is_found_tilted_as_well(scenario:
 def test_of_a_picture_that_freezes_while_it_only_tilts_nothing_is_claimed_and_it_ends_with_its_travel(
     scenario: Callable[..., Any],
 ) -> None:
-    run = scenario(text=with_world(RISES, camera=IN_A_ROOM))
+    run = scenario(text=with_tilting(RISES, camera=IN_A_ROOM))
     tilts_deg = watched(run, tilt_deg)
     run.at(1.5, lambda: setattr(run.world.faults, "frozen_under_noise", True))
     run.run(8.0)
