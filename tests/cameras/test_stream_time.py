@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import random
 from collections.abc import Iterator
 from itertools import pairwise
 
@@ -22,8 +23,6 @@ from stadimeter.cameras.capture_time import (
     StreamTime,
 )
 from support.each_case import each_case
-
-# Streams that are held up, on a clock that is stepped: what is believed of a picture, beside when it was captured.
 
 WAY_S = 0.02
 """How long a picture is on its way when nothing holds it up."""
@@ -449,3 +448,55 @@ def test_a_stated_latency_counts_where_stamps_are_not_trusted() -> None:
     for number in range(4):
         found_s = stamp.captured_at_s(10.08 + number / 10, 10.1 + number / 10)
     assert found_s == pytest.approx(10.38)
+
+
+# Stalls of every kind, on a stream of 30 pictures a second: a robot that believes pictures of up to 0.2 s, the frame
+# age of `config/follow-ball.toml`, drives on old ones for 0.1 s at most, which moves it by 3 cm.
+RATE_HZ, MAX_AGE_S, DROVE_S = 30.0, 0.2, 0.1
+LEARNT_S = 20.0
+KEPT = (0, 5, 30, 10**6)
+"""How many pictures of a stall a sender keeps."""
+
+
+def stalled(drain: float, seed: int, *, jitter: float = 0.2) -> Iterator[tuple[float, float]]:
+    """Yield capture and arrival of pictures, of which some wait in a stall and leave at a multiple of the pace."""
+    rng = random.Random(seed)  # noqa: S311 - the same stall for each seed
+    stall_s, kept, period_s = rng.uniform(0.3, 5.0), rng.choice(KEPT), 1 / RATE_HZ
+    every = [number * period_s for number in range(round((LEARNT_S + 2 * stall_s + 30) * RATE_HZ))]
+    came = [(at_s, at_s + WAY_S + jitter * period_s * rng.random()) for at_s in every]
+    over_s = LEARNT_S + stall_s
+    waiting = [pair for pair in came if LEARNT_S <= pair[1] < over_s]
+    gone = {at_s for at_s, _ in (waiting[:-kept] if kept else waiting)}
+    last_s = 0.0
+    for captured_s, arrived_s in came:
+        if captured_s in gone:
+            continue
+        earliest_s = last_s + 1e-4
+        if arrived_s >= LEARNT_S:
+            earliest_s = max(over_s, last_s + period_s / drain * rng.uniform(1 - jitter, 1 + jitter))
+        last_s = max(arrived_s, earliest_s)
+        yield captured_s, last_s
+
+
+def drove_on_old_s(arrivals: Iterator[tuple[float, float]], has_begun: bool | None) -> float:
+    """Return for how long pictures were taken for fresh that were older than they seemed by `MAX_AGE_S`."""
+    stream_time, drove_s, last_s = StreamTime(WAY_S), 0.0, 0.0
+    for captured_s, arrived_s in arrivals:
+        found_s = stream_time.captured_at_s(arrived_s, has_begun=has_begun)
+        if found_s is not None and found_s - captured_s > MAX_AGE_S:
+            drove_s += min(arrived_s - last_s, MAX_AGE_S)
+        last_s = arrived_s
+    return drove_s
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("has_begun", [False, None])
+@given(drain=st.floats(1.1, 20.0), seed=st.integers(0, 2**32), jitter=st.floats(0.0, 0.2))
+def test_no_stall_that_drains_a_tenth_too_fast_is_driven_on(
+    has_begun: bool | None, drain: float, seed: int, jitter: float
+) -> None:
+    assert drove_on_old_s(stalled(drain, seed, jitter=jitter), has_begun) <= DROVE_S
+
+
+def test_a_stall_that_drains_hardly_faster_than_the_pace_is_driven_on() -> None:
+    assert max(drove_on_old_s(stalled(1.02, seed), False) for seed in range(8)) > DROVE_S

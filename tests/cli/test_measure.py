@@ -23,8 +23,6 @@ from stadimeter.ranging.measure import SigmaParts
 from stadimeter.workbench.measuring import PictureResult, TargetResult
 from support.command_line import Typed, typed
 
-# The command ``measure``, as a person and as a program use it.
-
 KEYS = [
     "file", "target", "status", "perhaps", "distance_m", "depth_m", "sigma_m", "bearing_rad", "elevation_rad",
     "tilt_rad", "ambiguity", "reason", "x_m", "y_m", "z_m", "bearing_sigma_rad", "elevation_sigma_rad", "outline_px",

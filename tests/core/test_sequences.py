@@ -20,8 +20,6 @@ from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule, Pattern,
 from support.each_case import each_case
 from support.near_alarm import CLOSE, FAR, NEAR, rehearse
 
-# What alarms do step after step: patterns, other outputs, messages; what suppresses them; and in which order.
-
 CALL = EscalationStep(after_s=1.0, send=Send(template=Template(text="{rule}"), notifier="phone"))
 
 

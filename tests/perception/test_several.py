@@ -16,10 +16,8 @@ from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame
 from stadimeter.perception.perceiver import Perceiver, assign
 from stadimeter.perception.prediction import SEARCH_EVERY_S
-from support.crossing_balls import BLANK, RATE_HZ, Follower, PretendBalls, appearances
-from support.scenes.draw import CAMERA
-
-# Several targets of one kind: each keeps its slot, whatever crosses it.
+from support.crossing_balls import BLANK, HIDDEN_SHARE, RATE_HZ, Follower, PretendBalls, appearances, courses
+from support.scenes.draw import CAMERA, TUNING_SEEDS
 
 
 class Counting(PretendBalls):
@@ -47,7 +45,7 @@ def still(*places: tuple[float, float, float], frames: int = 90):
     return np.tile(np.array(places), (frames, 1, 1))
 
 
-def follow(detector: Counting, places, balls: int) -> Follower:
+def follow(detector: PretendBalls, places, balls: int) -> Follower:
     follower = Follower(detector, balls)
     for number, place in enumerate(places):
         follower.step(BLANK, number, appearances(place))
@@ -71,6 +69,18 @@ def test_balls_that_pass_each_other_keep_their_names() -> None:
     follower = follow(Counting(places), places, 2)
     assert follower.swaps == 0
     assert sorted(follower.ball_of.values()) == [0, 1]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("is_crossing", [False, True])
+def test_four_balls_keep_their_names_for_ten_seconds(is_crossing: bool) -> None:
+    for seed in TUNING_SEEDS[1:3]:
+        places = courses(seed, 4, 10.0, is_crossing=is_crossing)
+        follower = follow(PretendBalls(places, seed), places, 4)
+        in_sight = sum(each.covered < HIDDEN_SHARE for place in places for each in appearances(place))
+        assert follower.swaps == 0
+        assert follower.tracked > 0.9 * in_sight
+        assert (in_sight < 4 * len(places)) is is_crossing
 
 
 def test_a_ball_behind_another_one_is_not_found_and_the_reason_names_it() -> None:

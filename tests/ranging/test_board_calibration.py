@@ -18,8 +18,6 @@ from support.each_case import each_case
 pytestmark = pytest.mark.vision
 
 
-# Boards projected through a known lens give that lens back, with an honest standard deviation.
-
 LENS = CameraModel(
     width_px=640,
     height_px=480,

@@ -26,8 +26,6 @@ from support.scenes.plane import Pose
 pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]
 
 
-# Poses of flat rectangles from exact and from shaken corners.
-
 A4 = rectangle(0.297, 0.210)
 SIGMA = 0.05 / 600
 

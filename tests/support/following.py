@@ -273,11 +273,3 @@ def is_within_limits(moments: list[Moment]) -> bool:
     return all(
         abs(each.linear_mps) <= MAX_SPEED_MPS + TICK_MPS and abs(each.angular_radps) <= most_radps for each in moments
     )
-
-
-def seen_again_s(moments: list[Moment], since_s: float) -> float:
-    """Return how long after a time a target that was lost soon after it was tracked again; 0 if it was never lost."""
-    lost_s = next((each.at_s for each in moments if each.at_s >= since_s and not each.is_tracked), math.inf)
-    if lost_s > since_s + 2.0:
-        return 0.0
-    return next((each.at_s for each in moments if each.at_s > lost_s and each.is_tracked), math.inf) - lost_s

@@ -33,8 +33,6 @@ from support.v4l2_double import V4l2Double
 pytestmark = pytest.mark.vision
 
 
-# Certifying a site: distances one after the other, kept after each, and a certificate with its pages from all.
-
 CAMERA = f"""
 [camera]
 driver = "simulated"

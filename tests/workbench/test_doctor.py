@@ -34,8 +34,6 @@ from support.captured_computers import (
     only,
 )
 
-# What `doctor` finds on computers that are given as captured texts.
-
 CONFIG = Path(__file__).parents[2] / "config"
 FINE, WARNING, WRONG, UNKNOWN = DiagnosisSeverity
 

@@ -30,8 +30,6 @@ from support.v4l2_double import V4l2Double
 pytestmark = pytest.mark.vision
 
 
-# Calibrating before a camera, with rendered targets at exactly known distances on a double of a device.
-
 BALL_M = 0.2
 FRAMES = 3
 

@@ -180,7 +180,7 @@ def _moved(pose: FloorPose, forward_m: float, turned_rad: float, at_s: float) ->
 # acceleration.)
 
 # Power of the target's random acceleration in m²/s³. With 0.5 cm of noise the speed then follows within 0.1 s, and is
-# sure to 0.1 m/s. From 0.04 to 0.2 little changes (tests/benchmarks/following_walks.py): the gap to a swaying ball
+# sure to 0.1 m/s. From 0.04 to 0.2 little changes (measured once): the gap to a swaying ball
 # errs by 4 to 5 cm at a latency of 30 ms.
 ACCELERATION_M2PS3 = 0.06
 
