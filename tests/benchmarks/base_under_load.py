@@ -53,9 +53,6 @@ driver = "steady"
 width_px = 64
 height_px = 48
 fx_px = 60.0
-fy_px = 60.0
-cx_px = 31.5
-cy_px = 23.5
 
 [targets.ball]
 detector = "steady"

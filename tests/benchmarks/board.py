@@ -68,9 +68,6 @@ paths = [{paths}]
 width_px = 640
 height_px = 480
 fx_px = 600.0
-fy_px = 600.0
-cx_px = 319.5
-cy_px = 239.5
 
 [targets.ball]
 detector = "ball"

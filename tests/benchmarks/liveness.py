@@ -37,9 +37,6 @@ noise = {noise}
 width_px = 320
 height_px = 240
 fx_px = 300.0
-fy_px = 300.0
-cx_px = 159.5
-cy_px = 119.5
 
 [targets.ball]
 detector = "{detector}"

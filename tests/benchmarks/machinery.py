@@ -54,9 +54,6 @@ render = false
 width_px = 640
 height_px = 480
 fx_px = 600.0
-fy_px = 600.0
-cx_px = 319.5
-cy_px = 239.5
 
 [targets.ball]
 detector = "ideal"

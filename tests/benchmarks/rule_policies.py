@@ -71,9 +71,6 @@ driver = "simulated"
 width_px = 640
 height_px = 480
 fx_px = 1000.0
-fy_px = 1000.0
-cx_px = 319.5
-cy_px = 239.5
 
 [targets.object]
 detector = "ideal"

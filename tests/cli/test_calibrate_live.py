@@ -70,14 +70,6 @@ def test_settings_that_the_camera_did_not_take_are_noted(tmp_path: Path, monkeyp
     assert not device.isOpened(), "the camera is left closed"
 
 
-def test_distances_that_contradict_each_other_leave_no_file(tmp_path: Path) -> None:
-    result = _run(tmp_path, [_ball_at(1.0), _ball_at(3.0, 660.0)], "\n\n")
-    assert result.returncode == 2
-    assert "at 1 m and at 3 m contradict each other" in result.stderr
-    assert result.stderr.endswith("error: nothing was written\n")
-    assert not (tmp_path / "camera.toml").exists()
-
-
 @pytest.mark.long
 def test_the_distance_that_it_really_has_can_be_typed_and_a_wrong_unit_is_asked_again(tmp_path: Path) -> None:
     result = _run(tmp_path, [_ball_at(1.0), _ball_at(2.5)], "\n3 apples\n2.5m\n", "--at", "1m", "--at", "2m")

@@ -82,26 +82,6 @@ def test_a_sound_configuration_is_told_in_words() -> None:
     assert result.stdout.splitlines()[-1] == f"{file} can be used"
 
 
-def test_json_lists_the_problems_for_programs(wrong: Path) -> None:
-    result = run_check(str(wrong), "--json")
-    assert result.exit_code == 2
-    assert result.stderr == ""
-    record = json.loads(result.stdout)
-    assert record["usable"] is False
-    assert record["describes"] == []
-    assert len(record["problems"]) == 4
-    assert record["problems"][3] == {
-        "message": "unknown key 'belwo'",
-        "file": str(wrong),
-        "line": 11,
-        "key": "rules.near.when.belwo",
-        "hint": "did you mean 'below'?",
-        "code": "unknown-key",
-        "column": 9,
-        "end_column": 24,
-    }
-
-
 SHADOWED = """\
 [camera]
 driver = "simulated"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 
@@ -43,17 +42,3 @@ def test_without_a_log_it_says_who_keeps_one(folder: Path) -> None:
 def test_a_pipe_is_no_log_and_is_not_waited_for(folder: Path) -> None:
     os.mkfifo(folder / "box.log")
     assert printed().exit_code == 2
-
-
-def test_as_json_each_line_is_an_object_that_says_whether_its_time_is_right(folder: Path) -> None:
-    lines = [
-        "2026-07-01 12:00:00.000+02:00  warning: near raised: 0.45 m",
-        "2026-07-01 12:00:01.000+02:00? warning: near cleared",
-        "7 lines before this one are missing: disk full",
-    ]
-    (folder / "box.log").write_text("".join(f"{line}\n" for line in lines))
-    assert [json.loads(line) for line in printed("--json").stdout.splitlines()] == [
-        {"time": "2026-07-01T12:00:00.000+02:00", "is_synchronised": True, "text": "warning: near raised: 0.45 m"},
-        {"time": "2026-07-01T12:00:01.000+02:00", "is_synchronised": False, "text": "warning: near cleared"},
-        {"time": None, "is_synchronised": False, "text": lines[2]},
-    ]

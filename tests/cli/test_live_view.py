@@ -336,14 +336,6 @@ def test_the_picture_is_well_formed_and_holds_the_figures(
     assert ("2.43 m" if width == 80 else big_digits("2.43")[1]) in shown
 
 
-def test_the_same_view_gives_the_same_picture(make_record: Callable[..., CycleRecord], tmp_path: Path) -> None:
-    view, show = live_view()
-    show(make_record())
-    for name in ("one.svg", "other.svg"):
-        save_svg(view.render(), tmp_path / name)
-    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.svg").read_bytes()
-
-
 # The plain view, line by line.
 
 

@@ -23,11 +23,6 @@ from stadimeter.ranging.measure import SigmaParts
 from stadimeter.workbench.measuring import PictureResult, TargetResult
 from support.command_line import Typed, typed
 
-KEYS = [
-    "file", "target", "status", "perhaps", "distance_m", "depth_m", "sigma_m", "bearing_rad", "elevation_rad",
-    "tilt_rad", "ambiguity", "reason", "x_m", "y_m", "z_m", "bearing_sigma_rad", "elevation_sigma_rad", "outline_px",
-    "id", "frame", "time_s",
-]  # fmt: skip
 SHEET = ("--sheet", "11in,8.5in")
 BALL = ("--ball", "10cm", "--hsv", "170,100,60:10,255,255")
 
@@ -66,19 +61,6 @@ def test_a_sheet_is_measured_in_the_persons_unit_and_in_metres(pictures: Path, c
     assert " in ± 0." in line
     assert " 0.762 m ± 0.00" in line
     assert re.search(r" ahead +(face on|tilted [1-5]°)$", line)
-
-
-def test_json_is_one_object_a_line_with_exactly_these_keys(pictures: Path, camera) -> None:
-    result = _run(pictures / "ball.png", pictures / "cut.png", pictures / "wall.png", *camera, *BALL, "--json")
-    records = [json.loads(line) for line in result.stdout.splitlines()]
-    assert [list(record) for record in records] == [KEYS] * 3
-    assert [record["status"] for record in records] == ["measured", "truncated", "not_found"]
-    assert records[0]["distance_m"] == pytest.approx(1.0, rel=0.03)
-    assert records[0]["reason"] == ""
-    for record in records[1:]:
-        assert record["distance_m"] is record["depth_m"] is record["sigma_m"] is record["bearing_rad"] is None
-        assert record["reason"]
-    assert result.returncode == 1
 
 
 def test_a_bad_picture_is_one_line_on_stderr_and_the_good_ones_are_still_measured(pictures: Path, camera) -> None:
@@ -120,49 +102,6 @@ def test_copies_in_the_pictures_own_folder_leave_the_pictures_alone(pictures: Pa
     _run(pictures / "ball.png", *camera, *BALL, "--annotate", pictures)
     assert (pictures / "ball.png").read_bytes() == before
     assert (pictures / "ball-measured.png").exists()
-
-
-def test_a_configuration_says_what_to_look_for_and_through_which_camera(pictures: Path, tmp_path: Path) -> None:
-    (tmp_path / "two.toml").write_text(
-        """
-        [camera]
-        driver = "opencv"
-        device = 0
-        model = { width_px = 640, height_px = 480, fx_px = 600.0 }
-        [targets.red]
-        detector = "ball"
-        diameter = "10 cm"
-        hsv = "170,100,60:10,255,255"
-        [targets.paper]
-        detector = "sheet"
-        width = "11 in"
-        height = "8.5 in"
-        """,
-        encoding="utf-8",
-    )
-    result = _run(pictures / "ball.png", "--config", tmp_path / "two.toml", "--json")
-    records = [json.loads(line) for line in result.stdout.splitlines()]
-    assert [(record["target"], record["status"]) for record in records] == [("red", "measured"), ("paper", "not_found")]
-    assert result.returncode == 1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("--sheet", "0in,8in"), "--sheet: '0in' is not a length above zero"),
-        (("--sheet", "11,8.5"), "is not a width and a height"),
-        (("--ball", "6cm", "--hsv", "1,2,3:4,5,600"), "value 600 is outside 0 to 255"),
-        ((), "nothing says what to look for"),
-        (("--config", "missing.toml"), "missing.toml: there is no such file"),
-    ],
-)
-def test_a_bad_option_is_one_line_and_exit_2(pictures: Path, camera, arguments, said: str) -> None:
-    result = _run(pictures / "ball.png", *camera, *arguments)
-    assert result.returncode == 2
-    assert result.stdout == ""
-    (line,) = result.stderr.splitlines()
-    assert line.startswith("error: ")
-    assert said in line
 
 
 def test_no_camera_file_says_how_to_make_one(pictures: Path) -> None:

@@ -138,13 +138,6 @@ def test_a_video_gives_a_line_for_each_frame_with_its_number_and_time(video: Pat
     assert re.match(rf"{re.escape(str(video))}  frame    0     0\.000 s  tag 3  ", first)
 
 
-def test_a_camera_that_is_not_there_is_one_line(camera) -> None:
-    result = _run("--live", "opencv,device=97", *camera, *TAG)
-    assert result.returncode == 2
-    (line,) = result.stderr.splitlines()
-    assert "/dev/video97" in line
-
-
 class Interrupted:
     """A live camera that gives a frame, pauses, gives another, and is then stopped with Ctrl-C."""
 

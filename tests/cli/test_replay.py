@@ -186,17 +186,6 @@ def test_a_replay_opens_no_socket_and_builds_no_camera_and_no_output(recorded, d
     assert done.exit_code == 0, done.output
 
 
-def test_a_full_disk_under_the_recording_is_a_warning_and_the_run_goes_on(drawn):
-    if not Path("/dev/full").exists():
-        pytest.skip("this system has no /dev/full")
-    done = stadimeter("run", drawn, "--seconds", 1, "--speed", 0, "--record", "/dev/full")
-    assert done.exit_code == 0
-    assert (
-        "warning: /dev/full: No space left on device; the recording ends here, intact; the run goes on" in done.stderr
-    )
-    assert "Ended: 1 s, as asked for." in done.stdout
-
-
 def test_journal_and_recording_need_a_file_each(drawn, tmp_path):
     path = tmp_path / "run"
     done = stadimeter("run", drawn, "--seconds", 1, "--speed", 0, "--record", path, "--journal", path)

@@ -101,30 +101,6 @@ def test_a_configuration_for_real_hardware_says_plainly_that_there_is_none(name)
     assert "Traceback" not in done.stderr
 
 
-def bad(path, old, new):
-    text = SIMULATED.replace(old, new)
-    assert text != SIMULATED
-    path.write_text(text)
-    return path
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "expected"),
-    [
-        ('from = "0.5 m"', 'from = "0.5 metres"', "unknown unit 'metres'"),
-        ('actuator = "motor"', 'actuator = "moter"', "did you mean 'motor'?"),
-        ('driver = "simulated"\n\n[rules', 'driver = "buzzzer"\n\n[rules', "did you mean 'buzzer'?"),
-        ("render = false", "rendr = false", "did you mean 'render'?"),
-    ],
-)
-def test_a_mistake_in_the_configuration_is_one_clear_line_and_2(tmp_path, old, new, expected):
-    done = typed("run", bad(tmp_path / "simulated.toml", old, new), "--seconds", 1, "--speed", 0)
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
-    assert line.startswith("error: ")
-    assert expected in line
-
-
 def test_a_configuration_that_is_missing_or_a_directory_is_one_clear_line_and_2(tmp_path):
     for path in (tmp_path / "none.toml", tmp_path):
         done = typed("run", path)
@@ -143,39 +119,6 @@ def test_a_full_disk_under_the_journal_is_told_at_once_and_at_the_end_and_ends_n
     ]
     assert f"journal: {why}" in done.stdout
     assert "150 frames" in done.stdout
-
-
-BASE = """
-[base]
-driver = "ros-arduino-bridge"
-port = "{port}"
-wheel_diameter = "6.5 cm"
-ticks_per_turn = 800
-track_width = "20 cm"
-boot_wait = "100 ms"
-[rules.follow]
-actuator = "base"
-follow = {{ distance = "1 m" }}
-"""
-
-
-def test_a_serial_port_that_is_absent_is_one_clear_line_and_2(tmp_path):
-    path = tmp_path / "simulated.toml"
-    path.write_text(SIMULATED + BASE.format(port="/dev/ttyNONE7"))
-    done = typed("run", path, "--seconds", 1, "--speed", 0)
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
-    assert "/dev/ttyNONE7" in line
-
-
-@pytest.mark.long
-def test_a_broker_that_is_away_is_said_in_words_and_does_not_stop_the_run(tmp_path):
-    path = tmp_path / "simulated.toml"
-    path.write_text(SIMULATED + '[messenger]\ndriver = "mqtt"\nhost = "127.0.0.1"\nport = 9\n')
-    done = typed("run", path, "--seconds", 1, "--speed", 1)
-    assert done.returncode == 0
-    assert "127.0.0.1:9 refused the connection" in done.stdout
-    assert "30 frames" in done.stdout
 
 
 def test_the_version_and_the_help_are_there():

@@ -107,14 +107,6 @@ def test_a_board_in_only_one_picture_of_a_pair_leaves_it_out(boards: Path, outpu
     assert output.exists()
 
 
-def test_swapped_cameras_write_nothing(boards: Path, output: Path) -> None:
-    swapped = pictures_of(boards)
-    result = typed("calibrate", "stereo", *swapped[7:], *swapped[:7], *BOARD, "-o", output)
-    assert result.returncode == 2
-    assert "left and right are swapped" in result.stderr
-    assert not output.exists()
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -209,14 +201,6 @@ def test_swapped_pictures_are_said(shoot: Shot, stereo: tuple[str, str]) -> None
     result = typed("measure", right, left, *stereo, *BALL)
     assert result.returncode == 2
     assert "are the left and the right picture swapped?" in result.stderr
-
-
-def test_cameras_that_have_moved_are_said(shoot: Shot, true: StereoRig, tmp_path: Path) -> None:
-    moved = replace(true, turn_rad=(true.turn_rad[0] + 0.01, *true.turn_rad[1:]))
-    save_stereo_rig(tmp_path / "moved.toml", moved)
-    result = typed("measure", *shoot(ball()), "--stereo", tmp_path / "moved.toml", *BALL)
-    assert result.returncode == 2
-    assert "the stereo file is of other cameras, or they have moved" in result.stderr
 
 
 @pytest.mark.parametrize(

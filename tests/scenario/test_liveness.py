@@ -21,9 +21,6 @@ room = "textured"
 width_px = 320
 height_px = 240
 fx_px = 300.0
-fy_px = 300.0
-cx_px = 159.5
-cy_px = 119.5
 
 [targets.ball]
 detector = "ball"

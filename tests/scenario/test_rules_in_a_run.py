@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 
@@ -12,16 +11,11 @@ import pytest
 from msgspec.structs import replace
 from typer.testing import CliRunner
 
-from stadimeter.app.bootstrap import build
-from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.loop import Loop
 from stadimeter.app.recordings.journal import read_journal
 from stadimeter.cli.main import app
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.decision import EventKind
-from stadimeter.core.detection import Detection, Prediction
-from stadimeter.core.frame import Frame
 from stadimeter.workbench.rule_tests.running import run_rule_test
 from support.recordings import records_of
 from support.scenes.backdrop import PlainBackdrop
@@ -83,31 +77,6 @@ def standing(scenario):
     return lambda extra="": scenario(extra, text=STANDING)
 
 
-def test_the_motor_grows_stronger_with_distance_and_the_buzzer_sounds_when_near(standing):
-    run = standing().run(16)
-    assert set(levels(run, "motor", 0, 0.3)) == {0.0}
-    rising = levels(run, "motor", 1.2, 2.2)
-    assert rising[0] < rising[len(rising) // 2] < rising[-1]
-    assert set(levels(run, "motor", 4, 6)) == {1.0}
-    assert set(levels(run, "motor", 9, 16)) == {0.0}
-    assert set(levels(run, "buzzer", 0, 8)) == {0.0}
-    assert set(levels(run, "buzzer", 9.5, 11)) == {1.0}
-    assert set(levels(run, "buzzer", 15, 16)) == {0.0}
-    assert [event for event in run.events() if event[0] == "near"] == [("near", "raised"), ("near", "cleared")]
-
-
-def test_the_broker_hears_of_every_alarm_and_of_the_distance_at_most_twice_a_second(standing):
-    run = standing().run(16)
-    alarms = [json.loads(s.item.payload) for s in run.loop.parts.messenger.sent if s.item.topic == "event/alarm"]
-    assert [(alarm["rule"], alarm["event_type"]) for alarm in alarms] == [("near", "raised"), ("near", "cleared")]
-    states = [s.at_s for s in run.loop.parts.messenger.sent if s.item.topic == "target/ball/state"]
-    assert 20 <= len(states) <= 2 * 16 + 3
-    last = [json.loads(s.item.payload) for s in run.loop.parts.messenger.sent if s.item.topic == "target/ball/state"][
-        -1
-    ]
-    assert last["distance_m"] == pytest.approx(run.world.distance_m(), abs=0.02)
-
-
 def test_a_broker_that_is_away_does_not_change_a_single_decision(standing):
     near, away = standing(), standing('faults = [{ at = "2 s", for = "9 s", kind = "broker-gone" }]\n')
     near.run(16)
@@ -118,23 +87,6 @@ def test_a_broker_that_is_away_does_not_change_a_single_decision(standing):
     assert "broker" in said[0]
     alarms = [s.at_s for s in away.loop.parts.messenger.sent if s.item.topic == "event/alarm"]
     assert len(alarms) == 2, "what was raised meanwhile is told when the broker is back"
-
-
-@pytest.mark.long
-def test_two_runs_are_the_same(standing):
-    first, second = standing().run(10), standing().run(10)
-    assert [(r.observation, r.decision, r.applied) for r in first.records] == [
-        (r.observation, r.decision, r.applied) for r in second.records
-    ]
-
-
-def test_every_command_that_moves_something_names_a_fresh_frame(standing):
-    run = standing('faults = [{ at = "4 s", for = "1 s", kind = "freeze-camera" }]\n').run(6)
-    for record in run.records:
-        for command in record.applied:
-            if command.level:
-                assert record.observation.now_s - command.captured_at_s <= 0.2 + 1e-6
-    assert set(levels(run, "motor", 4.3, 5.0)) == {0.0}
 
 
 # Range sensors in a run: a target of their own, a second opinion on another, and what keeps the robot from bumping.
@@ -213,22 +165,6 @@ def drawn(number: int) -> np.ndarray:
     return cv2.cvtColor(np.clip(image + noise, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
 
 
-class Listening:
-    """Passes everything on to a detector, and counts what was expected."""
-
-    def __init__(self, loop: Loop) -> None:
-        self._detector = loop.parts.cycle.detectors["tag"]
-        self.target_shape = self._detector.target_shape
-        self.expected: list[Prediction | None] = []
-        loop.parts.cycle.perceiver.detectors = {"tag": self}
-
-    def detect(
-        self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
-    ) -> Detection:
-        self.expected.append(prediction)
-        return self._detector.detect(frame, prediction, lens=lens)
-
-
 @pytest.fixture(scope="module")
 def configuration(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tags")
@@ -237,24 +173,6 @@ def configuration(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("configuration") / "run.toml"
     path.write_text(TAG_CONFIGURATION.format(folder=folder), encoding="utf-8")
     return path
-
-
-def distances_m(loop: Loop) -> list[float | None]:
-    records: list[CycleRecord] = []
-    loop.listeners.append(lambda record, _frame: records.append(record))
-    loop.run()
-    return [measured.distance_m for record in records for measured in record.observation.measurements]
-
-
-@pytest.mark.long
-def test_a_tag_that_moves_and_jumps_is_measured_in_every_frame_as_without_expecting_it(configuration: Path) -> None:
-    loop, other = (Loop(build(load_configuration(configuration), speed=None)) for _ in range(2))
-    detector = Listening(loop)
-    other.parts.cycle.perceiver.expectations.of = lambda *_: None  # type: ignore[method-assign]
-    found_m, searched_m = distances_m(loop), distances_m(other)
-    assert len(found_m) == FRAMES
-    assert found_m == pytest.approx(searched_m, rel=2e-3)
-    assert sum(expected is not None for expected in detector.expected) > 0.8 * FRAMES
 
 
 # Several balls in a whole run: each keeps its name, and rules see the nearest, any, all, and how many there are.

@@ -32,9 +32,6 @@ rate = "{rate} Hz"
 width_px = 160
 height_px = 120
 fx_px = 150.0
-fy_px = 150.0
-cx_px = 79.5
-cy_px = 59.5
 [targets.ball]
 detector = "ball"
 diameter = "20 cm"

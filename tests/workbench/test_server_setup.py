@@ -18,7 +18,7 @@ import pytest
 from stadimeter.app.control.client import find
 from stadimeter.config.loader import DEMONSTRATION, load_configuration
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.errors import CalibrationError, ConfigError, ControlError, DeviceOpenError, StadimeterError
+from stadimeter.errors import ConfigError, ControlError, DeviceOpenError, StadimeterError
 from stadimeter.web.routes import PAGE_OPERATIONS
 from stadimeter.workbench.server.operations import Desk, DeskReply, find_operation
 from stadimeter.workbench.server.process import error_fields
@@ -166,19 +166,6 @@ def test_from_nothing_to_files_that_can_be_used(calibrated: Setup) -> None:
 
 
 @pytest.mark.long
-def test_a_set_up_that_was_left_goes_on_with_its_answers(in_room: Setup) -> None:
-    left = in_room("leave")
-    assert (left["begun"], left["left"]) == (False, True)
-    assert [each["answer"] for each in left["answers"]] == ["simulated", "ball", "20 cm"]
-    assert in_room("begin")["question"]["kind"] == "colour"
-    assert in_room("begin", anew=True)["question"]["kind"] == "camera"
-    in_room("answer", answer="simulated")
-    assert in_room("back")["question"]["ready"] == "simulated"
-    with pytest.raises(ConfigError, match="first question"):
-        in_room("back")
-
-
-@pytest.mark.long
 def test_bad_clicks_and_ranges_are_refused_in_a_sentence(in_room: Setup) -> None:
     for args, words in (
         ({"clicks": [[-1, 5]]}, "outside the picture"),
@@ -187,21 +174,6 @@ def test_bad_clicks_and_ranges_are_refused_in_a_sentence(in_room: Setup) -> None
     ):
         with pytest.raises(ConfigError, match=words):
             in_room("colour", **args)
-
-
-@pytest.mark.long
-def test_the_same_distance_twice_is_refused_and_nothing_is_lost(calibrated: Setup) -> None:
-    calibrated("back")
-    assert calibrated.question() == "proof"
-    calibrated("world", x_m=3.1)
-    with pytest.raises(CalibrationError, match="proves nothing"):
-        calibrated("take", distance="1.2 m")
-    with pytest.raises(CalibrationError, match="contradict"):
-        calibrated("take", distance="6 m")
-    assert calibrated.question() == "proof"
-    taken = calibrated("take", distance="3 m")
-    assert taken["focal_px"] == pytest.approx(600, rel=0.01)
-    assert 0 < taken["focal_sigma_px"] < 10
 
 
 @pytest.mark.long
@@ -278,20 +250,6 @@ def _listening(configuration: Path, run: subprocess.Popen[bytes]) -> Path:
         except ControlError:
             time.sleep(0.05)
     raise AssertionError("the run did not begin to listen")
-
-
-@pytest.fixture
-def pictures(setup: Setup) -> tuple[str, ...]:
-    """Return the names of three pictures of a ball in a folder, at 0.8 m, 1.2 m and 2 m."""
-    folder = setup.desk.configuration.parent / "my shots"
-    folder.mkdir()
-    names = []
-    for distance_m in (0.8, 1.2, 2.0):
-        ball = BallTarget(diameter_m=0.2, position_m=(0.0, 0.0, distance_m), bgr=(60, 200, 180))
-        image = render(Scene(camera=LENS, target=ball, seed=1, backdrop=PlainBackdrop())).image
-        names.append(f"my shots/{distance_m:g}.png")
-        cv2.imwrite(str(folder.parent / names[-1]), image)
-    return tuple(names)
 
 
 def test_no_other_file_than_one_of_its_pictures_is_shown(setup: Setup) -> None:
