@@ -21,7 +21,7 @@ from support.scenes.blur import Blur
 from support.scenes.cut_sheet import CutSheetTarget, GroupTarget, HandCut
 from support.scenes.draw import CAMERA, MARGIN_PX
 from support.scenes.hand import Hand
-from support.scenes.hard_balls import BALLS, hard_ball, picked_range
+from support.scenes.hard_balls import BALLS, picked_range
 from support.scenes.plane import Pose
 from support.scenes.render import render
 from support.scenes.scene import Scene
@@ -77,13 +77,6 @@ def test_the_range_that_a_user_picks_holds_most_of_the_ball_and_none_of_its_mark
         picked = parse_hsv_range(picked_range(colour))
         assert picked.mask(np.full((4, 4, 3), colour, np.uint8)).all()
         assert not picked.mask(np.full((4, 4, 3), (225, 230, 228), np.uint8)).any()
-
-
-def test_a_hard_ball_is_the_same_each_time_and_as_large_as_asked():
-    one, again = hard_ball(7, (20.0, 30.0)), hard_ball(7, (20.0, 30.0))
-    assert one == again
-    assert (render(one.scene).image == render(again.scene).image).all()
-    assert 20.0 <= one.radius_px <= 30.5
 
 
 # Hard flat things are drawn as they say: how they are cut, curled and shaded, and what rooms are free of.

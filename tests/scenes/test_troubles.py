@@ -15,7 +15,7 @@ from support.scenes.backdrop import ClutterBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.blur import Blur
 from support.scenes.draw import ball_scene
-from support.scenes.nuisances import BALL_NUISANCES, HARDER_NUISANCES, distractors
+from support.scenes.nuisances import distractors
 from support.scenes.occluder import Occluder
 from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget
 from support.scenes.render import render
@@ -27,7 +27,6 @@ pytestmark = pytest.mark.vision
 
 LENS = CameraModel.with_focal_length(600.0, 640, 480)
 FACING = Pose(position_m=(0.0, 0.0, 1.0))
-WHITE = (255, 255, 255)
 
 
 @pytest.mark.parametrize(("tone", "code"), [(Tone.SRGB, 188), (Tone.LINEAR, 128), (Tone.GAMMA_1_8, 173)])
@@ -37,15 +36,6 @@ def test_a_pixel_half_covered_by_white_has_the_code_value_of_half_the_light(bare
     target = sheet(Pose(position_m=(right_m - 0.1, 0.0, 1.0)), 0.2, 0.2)
     image = render(bare(target, sensor=Sensor(noise=0.0, tone=tone))).image
     assert image[240, 398:403, 1].tolist() == [255, 255, code, 0, 0]
-
-
-@pytest.mark.long
-def test_the_same_scene_gives_the_same_picture_and_another_seed_another_one() -> None:
-    scene = BALL_NUISANCES["all in one"](ball_scene(3))
-    first = render(scene).image
-    render(ball_scene(4))
-    assert np.array_equal(first, render(scene).image)
-    assert not np.array_equal(first, render(replace(scene, seed=5)).image)
 
 
 def test_a_trouble_keeps_the_target_and_the_clutter() -> None:
@@ -102,15 +92,6 @@ def test_distractors_have_the_targets_colour_and_keep_away_from_it() -> None:
     rows, columns = np.indices(more.shape)
     off = np.hypot(columns - outline[:, 0].mean(), rows - outline[:, 1].mean())
     assert off[more].min() > 1.2 * np.ptp(outline[:, 0]) / 2
-
-
-@pytest.mark.long
-@each_case("name", list(BALL_NUISANCES) + list(HARDER_NUISANCES))
-def test_every_trouble_of_a_ball_changes_the_picture_but_not_the_truth(name) -> None:
-    scene = ball_scene(11)
-    before, after = render(scene), render((BALL_NUISANCES | HARDER_NUISANCES)[name](scene))
-    assert after.truth.position_m == before.truth.position_m
-    assert np.array_equal(before.image, after.image) == (name == "clean")
 
 
 @each_case(
