@@ -48,6 +48,15 @@ def test_one_picture_is_enough(near: Path, output: Path) -> None:
     assert str(near) in model.provenance.notes[0]
 
 
+def test_several_pictures_are_listed_and_combined(near: Path, output: Path, tmp_path: Path) -> None:
+    far = _picture(tmp_path / "far.png", 110, 85)
+    result = typed("calibrate", "distance", f"{near}@30in", f"{far}@5ft", *SHEET, "-o", output)
+    assert result.returncode == 0
+    assert [line.split("  ")[0] for line in result.stdout.splitlines()[:2]] == [str(near), f"{far} "[:-1]]
+    assert "the camera file reads" in result.stdout
+    assert len(load_camera_model(output).provenance.notes) == 2
+
+
 def test_a_picture_whose_distance_is_mistyped_is_named_and_left_out(near: Path, output: Path, tmp_path: Path) -> None:
     far = _picture(tmp_path / "far.png", 110, 85)
     again = _picture(near.with_name("again.png"), 220, 170)
@@ -114,6 +123,14 @@ def test_a_picture_without_the_target_is_left_out_and_exits_1(near: Path, output
     assert result.returncode == 1
     assert result.stderr.startswith(f"left out: {wall}: ")
     assert load_camera_model(output).fx_px == pytest.approx(600, rel=0.003)
+
+
+def test_no_picture_with_the_target_writes_nothing(output: Path, tmp_path: Path) -> None:
+    wall = _picture(tmp_path / "wall.png", 1, 1)
+    result = typed("calibrate", "distance", f"{wall}@30in", *SHEET, "-o", output)
+    assert result.returncode == 1
+    assert "nothing was written" in result.stderr
+    assert not output.exists()
 
 
 def test_a_picture_that_is_given_twice_is_refused_since_it_tells_nothing_more(near: Path, output: Path) -> None:

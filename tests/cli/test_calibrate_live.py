@@ -79,6 +79,14 @@ def test_the_distance_that_it_really_has_can_be_typed_and_a_wrong_unit_is_asked_
     assert "at 2.5m" in load_camera_model(tmp_path / "camera.toml").provenance.notes[1]
 
 
+def test_distances_that_contradict_each_other_leave_no_file(tmp_path: Path) -> None:
+    result = _run(tmp_path, [_ball_at(1.0), _ball_at(3.0, 660.0)], "\n\n")
+    assert result.returncode == 2
+    assert "at 1 m and at 3 m contradict each other" in result.stderr
+    assert result.stderr.endswith("error: nothing was written\n")
+    assert not (tmp_path / "camera.toml").exists()
+
+
 @pytest.mark.long
 def test_a_target_that_is_not_seen_is_asked_for_again(tmp_path: Path) -> None:
     result = _run(tmp_path, [NOTHING, _ball_at(1.0), _ball_at(3.0)], "\n\n\n")

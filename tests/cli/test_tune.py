@@ -236,6 +236,16 @@ def test_a_configuration_without_tests_is_no_failure_and_is_shown_one(tested: Te
     assert "[[tests]]" in result.stdout
 
 
+def test_a_test_that_cannot_be_run_fails_and_the_others_go_on(tested: Tested) -> None:
+    missing = '\n[[tests]]\ninput = { journal = "run.jsonl" }\nexpect.near = { raised = 1 }\n'
+    result = tested(missing + PASSING)
+    assert result.exit_code == 1
+    assert "FAILED  test 1" in result.stdout
+    assert "it could not be run: " in result.stdout
+    assert "run.jsonl: there is no such file" in result.stdout
+    assert "2 tests: 1 passed, 1 failed" in result.stdout
+
+
 def test_programs_get_one_object(tested: Tested) -> None:
     result = tested(PASSING + FAILING, "--json")
     assert result.exit_code == 1

@@ -143,45 +143,21 @@ def test_it_holds_from_the_last_raise_on_while_the_last_rule_is_active():
     assert run.see(FAR, FAR) is False
 
 
-def test_the_other_order_and_one_that_takes_too_long_are_none():
+@pytest.mark.parametrize(
+    ("scenes", "is_ordered"),
+    [
+        pytest.param([(FAR, CLOSE), (CLOSE, CLOSE, 5.0)], False, id="the other order"),
+        pytest.param([(CLOSE, FAR, 3.0), (CLOSE, CLOSE)], False, id="one that takes too long"),
+        pytest.param([(CLOSE, CLOSE, 3.0)], False, id="both in one picture"),
+        pytest.param([(CLOSE, FAR), (FAR, FAR), (FAR, CLOSE)], True, id="the first is over when the last comes"),
+        pytest.param([(CLOSE, FAR), (FAR, CLOSE), (CLOSE, CLOSE)], True, id="the first comes again"),
+        pytest.param([(CLOSE, FAR), (FAR, CLOSE), (FAR, FAR, 3.0), (FAR, CLOSE)], False, id="the last alone again"),
+    ],
+)
+def test_only_a_rule_that_is_raised_after_the_other_in_time_is_in_order(scenes, is_ordered):
     run = Run()
     run.see(FAR, FAR)
-    run.see(FAR, CLOSE)
-    assert run.see(CLOSE, CLOSE, 5.0) is False
-    run.see(FAR, FAR)
-    run.see(CLOSE, FAR, 3.0)
-    assert run.see(CLOSE, CLOSE) is False
-
-
-def test_both_in_one_picture_are_in_no_order():
-    run = Run()
-    run.see(FAR, FAR)
-    assert run.see(CLOSE, CLOSE, 3.0) is False
-
-
-def test_the_first_may_be_over_when_the_last_comes():
-    run = Run()
-    run.see(FAR, FAR)
-    run.see(CLOSE, FAR)
-    run.see(FAR, FAR)
-    assert run.see(FAR, CLOSE) is True
-
-
-def test_what_the_first_does_later_changes_nothing():
-    run = Run()
-    run.see(FAR, FAR)
-    run.see(CLOSE, FAR)
-    run.see(FAR, CLOSE)
-    assert run.see(CLOSE, CLOSE) is True
-
-
-def test_the_last_alone_again_is_no_order():
-    run = Run()
-    run.see(FAR, FAR)
-    run.see(CLOSE, FAR)
-    run.see(FAR, CLOSE)
-    run.see(FAR, FAR, 3.0)
-    assert run.see(FAR, CLOSE) is False
+    assert [run.see(*scene) for scene in scenes][-1] is is_ordered
 
 
 def test_with_a_time_it_holds_for_that_long_whatever_comes():
