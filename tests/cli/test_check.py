@@ -1,4 +1,4 @@
-"""The command `check` prints every error beside its line, or what the configuration does."""
+"""The commands ``check`` and ``schema``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from stadimeter.cli.main import app
+from stadimeter.config.schema import configuration_schema
+
+# The command `check` prints every error beside its line, or what the configuration does.
 
 CONFIGURATIONS = Path(__file__).parents[2] / "config"
 
@@ -134,3 +137,14 @@ def test_an_error_does_not_hide_the_warnings_about_other_rules(shadowed: Path) -
     record = json.loads(run_check(str(shadowed), "--json").stdout)
     assert [problem["code"] for problem in record["problems"]] == ["unknown-key"]
     assert [warning["code"] for warning in record["warnings"]] == ["shadowed"]
+
+
+# The command `schema` prints what editors complete from.
+
+
+@pytest.mark.long
+def test_the_schema_is_printed_and_nothing_else() -> None:
+    result = CliRunner().invoke(app, ["schema"])
+    assert result.exit_code == 0
+    assert json.loads(result.stdout) == configuration_schema()
+    assert result.stderr == ""

@@ -1,15 +1,25 @@
-"""``stadimeter explain``: what is said of a rule at a moment of a recording, or of a running instance."""
+"""The commands ``explain`` and ``events``."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner, Result
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration
 from stadimeter.app.recordings.recorder import Recorder
+from stadimeter.cli import events
 from stadimeter.cli.explain import seconds_ago, seconds_since_the_beginning
+from stadimeter.cli.main import app
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError
 from support.command_line import typed
+
+# ``stadimeter explain``: what is said of a rule at a moment of a recording, or of a running instance.
 
 CONFIG = """
 [camera]
@@ -113,3 +123,38 @@ def test_what_is_no_moment_is_refused():
     for at in ["noon", "", "25:00", "12 m", "nan"]:
         with pytest.raises(ConfigError, match="is no moment"):
             seconds_since_the_beginning(at, BEGAN)
+
+
+# The command that prints the event log.
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(events, "SERVICE_STATE", tmp_path)
+    return tmp_path
+
+
+def printed(*words: object) -> Result:
+    return CliRunner().invoke(app, ["events", *map(str, words)])
+
+
+def test_the_newest_lines_of_all_files_are_printed_in_the_order_of_time(folder: Path) -> None:
+    for name, numbers in (("box.log.2", (1, 2)), ("box.log.1", (3, 4)), ("box.log", (5, 6))):
+        (folder / name).write_text("".join(f"line {number}\n" for number in numbers))
+    assert printed().stdout.splitlines() == [f"line {number}" for number in range(1, 7)]
+    assert printed("-n", 3).stdout.splitlines() == ["line 4", "line 5", "line 6"]
+    assert printed(folder / "box.log", "--lines", 1).stdout == "line 6\n"
+
+
+def test_without_a_log_it_says_who_keeps_one(folder: Path) -> None:
+    found = printed()
+    assert (found.exit_code, found.stderr) == (
+        2,
+        f"error: there is no event log in {folder}: only a service keeps one; or name the LOG\n",
+    )
+    assert printed(folder / "absent.log").exit_code == 2
+
+
+def test_a_pipe_is_no_log_and_is_not_waited_for(folder: Path) -> None:
+    os.mkfifo(folder / "box.log")
+    assert printed().exit_code == 2

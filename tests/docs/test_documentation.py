@@ -1,4 +1,6 @@
-"""What the documentation shows, works: every configuration loads, every command exists, every link leads somewhere."""
+"""What the documentation shows is so: configurations, commands, links, promises and symptoms."""
+
+from __future__ import annotations
 
 import ast
 import importlib
@@ -10,6 +12,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -23,10 +26,16 @@ from stadimeter.config import rule_test_tables, rules
 from stadimeter.config.camera_file import stereo_file_text
 from stadimeter.config.loader import load_configuration
 from stadimeter.core import templates
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
 from stadimeter.errors import ConfigError
+from stadimeter.ranging.measure import measure
+from stadimeter.ranging.similar_triangles import expect
 from stadimeter.workbench.rule_tests.running import run_rule_test
 from support.scenes.poster import poster
 from support.two_cameras import BESIDE
+
+# What the documentation shows, works: every configuration loads, every command exists, every link leads somewhere.
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
@@ -304,3 +313,113 @@ def test_a_long_page_begins_with_a_table_of_its_contents():
         linked = set(re.findall(r"\]\(#([^)]+)\)", start))
         names = {re.sub(r"[^\w\- ]", "", each.partition("\n")[0].lower()).replace(" ", "-") for each in sections}
         assert names - linked == set(), page
+
+
+# The guides show what their commands really print.
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+
+
+@pytest.mark.long
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("guide", ["rules.md", "recording.md", "robots.md", "certificate.md", "teaching.md"])
+def test_every_command_of_a_guide_prints_what_is_shown(guide):
+    command = [sys.executable, DOCS / "make_output.py", DOCS / guide, "--check"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+# The page on troubleshooting quotes what the program really says.
+
+TROUBLE_PAGE = (ROOT / "docs" / "troubleshooting.md").read_text()
+OF_OTHERS = {"numpy.dtype size changed", "stadimeter: command not found", "externally-managed-environment"}
+"""What pip, Python and the shell say."""
+
+
+def symptoms():
+    """Return the messages in the first column: quoted, and of several words, to tell them from commands and names."""
+    first = [line.split(" | ")[0] for line in TROUBLE_PAGE.splitlines() if line.startswith("| ")]
+    quoted = [quote for cell in first for quote in re.findall(r"`([^`]+)`", cell)]
+    return [quote for quote in quoted if " " in quote and "…" not in quote and not quote.startswith("stadimeter ")]
+
+
+def test_every_message_that_is_quoted_stands_in_the_source():
+    sources = (path.read_text() for path in (ROOT / "src" / "stadimeter").rglob("*.py"))
+    unbroken = "\n".join(re.sub(r'"\s*\n\s*[rf]?"', "", source) for source in sources)
+    quoted = set(symptoms()) - OF_OTHERS
+    assert len(quoted) > 15
+    assert sorted(quote for quote in quoted if quote not in unbroken) == []
+
+
+# The page on safety promises nothing that no test asserts.
+
+SAFETY_PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
+ROWS = [line for line in SAFETY_PAGE.splitlines() if line.startswith("| ") and "| --- |" not in line]
+PROMISES = [row for row in ROWS if not row.endswith("| asserted by |")]
+TEST = re.compile(r"`([\w/]+\.py)::([\w:]+)`")
+
+
+CONTRACTS = sorted((ROOT / "src" / "stadimeter" / "testing").glob("*_contract.py"))
+"""Suites that the classes of other files inherit tests from."""
+
+
+@cache
+def names_in(file):
+    """Return the names of the functions and classes of a file."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    return {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+
+
+@pytest.mark.long
+def test_each_promise_names_tests_that_there_are():
+    for row in PROMISES:
+        named = TEST.findall(row.rsplit("|", 2)[1])
+        assert named, f"no test asserts this: {row}"
+        for file, names in named:
+            there = set().union(*map(names_in, (ROOT / "tests" / file, *CONTRACTS)))
+            assert set(names.split("::")) <= there, f"{file}: there is no {names}"
+
+
+def test_every_table_says_what_asserts_it():
+    headings = [
+        before
+        for before, line in zip(SAFETY_PAGE.splitlines(), SAFETY_PAGE.splitlines()[1:], strict=False)
+        if "| --- |" in line
+    ]
+    assert len(headings) >= 5
+    assert all(heading.endswith("| asserted by |") for heading in headings)
+
+
+# The shape that the page on target shapes makes, as a stranger would use it.
+
+SHAPES_PAGE = Path(__file__).resolve().parents[2] / "docs" / "target-shapes.md"
+SHAPES_CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
+
+
+def pole(height_m: float) -> TargetShape:
+    (code,) = re.findall(r"```python\n(.*?)```", SHAPES_PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
+    names: dict[str, type] = {}
+    exec(compile(code, str(SHAPES_PAGE), "exec"), names)  # noqa: S102 - the page's own example
+    made: TargetShape = names["Pole"](height_m=height_m)
+    return made
+
+
+def test_the_shape_of_the_page_is_measured_and_has_expectations():
+    seen = Detection(
+        target="pole",
+        status=DetectionStatus.FOUND,
+        centre_px=(SHAPES_CAMERA.cx_px, SHAPES_CAMERA.cy_px),
+        width_px=12.0,
+        height_px=300.0,
+        size_sigma_px=0.3,
+    )
+    measured = measure(seen, pole(2.0), SHAPES_CAMERA, 0.0)
+    assert measured.distance_m == pytest.approx(4.0)
+    assert measured.sigma_m == pytest.approx(4.0 * 0.3 / 300)
+    assert expect(pole(2.0), SHAPES_CAMERA, 4.0).size_px == pytest.approx(300.0)
+
+
+def test_the_page_names_every_member_of_a_shape():
+    members = {name for name in vars(TargetShape) if not name.startswith("_")}
+    text = SHAPES_PAGE.read_text(encoding="utf-8")
+    assert all(f"`{name}" in text for name in members)
