@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.app.control.client import ask_timeline as ask_run
+from stadimeter.app.control.client import ask as ask_run
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.event_log import EventLog
 from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration, to_be_recorded
