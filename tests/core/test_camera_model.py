@@ -130,17 +130,25 @@ def test_a_wrong_number_of_coefficients_is_refused(count: int) -> None:
     ("key", "value"),
     [
         ("distortion", (0.1, math.nan, 0.0, 0.0)),
+        ("distortion", (1e9, 0.0, 0.0, 0.0)),
         ("edge_bias_px", math.nan),
         ("tone_curve", "gamma"),
         ("fx_px", math.nan),
+        ("fx_px", 4.12),
+        ("fx_px", 1e17),
         ("cx_px", math.inf),
         ("focal_relative_sigma", -1.0),
         ("width_px", 0),
     ],
 )
 def test_what_is_no_camera_is_refused_with_the_value(key: str, value: object) -> None:
-    with pytest.raises(CalibrationError, match=r"nan|inf|gamma|-1|0x480"):
+    with pytest.raises(CalibrationError, match=r"nan|inf|gamma|-1|0x480|that no lens has|is not that of a lens"):
         replace(BARREL, **{key: value})
+
+
+@pytest.mark.parametrize("focal_px", [20.0, 600000.0])
+def test_the_shortest_lenses_and_long_telescopes_are_cameras_too(focal_px: float) -> None:
+    assert CameraModel.with_focal_length(focal_px, 640, 480).fx_px == focal_px
 
 
 def test_a_larger_picture_of_the_same_view_looks_the_same_way() -> None:
