@@ -1,4 +1,7 @@
-"""The watchdog process as it is, the lists that it takes, and how it makes pins, buses and ports safe."""
+"""The watchdog process as it is, the lists that it takes, and how it makes pins, buses and ports safe.
+
+Pipes, signals and ends of processes are real, and waited for by what they lead to; no test asserts how soon.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The figures that the page has to reach in a real browser."""
+"""The figures that the page has to reach in a real browser.
+
+The simulated camera at 640×480 and 30 Hz, its run, its page and a Chromium without a window, all on one computer.
+"""
 
 from __future__ import annotations
 
