@@ -12,16 +12,14 @@ import cv2
 
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
-from support.scenes.backdrop import ClutterBackdrop, PlainBackdrop
+from support.scenes.backdrop import ClutterBackdrop, FloorBackdrop, Ground, PlainBackdrop
 from support.scenes.ball import BallTarget
-from support.scenes.blur import Blur
 from support.scenes.cut_sheet import GroupTarget
-from support.scenes.floor import FloorBackdrop, Ground
 from support.scenes.plane import Pose, SheetTarget, TagTarget
 from support.scenes.render import render
 from support.scenes.room import RoomBackdrop
 from support.scenes.scene import Scene
-from support.scenes.sensor import Sensor
+from support.scenes.sensor import Blur, Sensor
 from support.scenes.target import Target
 
 CAMERA = CameraModel.with_focal_length(860.0, 960, 720)

@@ -18,9 +18,8 @@ from stadimeter.detectors.disc.search import View, find_outlines
 from stadimeter.detectors.hsv import parse_hsv_range
 from stadimeter.detectors.sampling import Region
 from support.scenes import draw
-from support.scenes.backdrop import PlainBackdrop
+from support.scenes.backdrop import FloorBackdrop, Ground, PlainBackdrop
 from support.scenes.ball import BallTarget
-from support.scenes.floor import FloorBackdrop, Ground
 from support.scenes.nuisances import hidden
 from support.scenes.plane import DiscTarget, Pose
 from support.scenes.render import render

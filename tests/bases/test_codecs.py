@@ -16,7 +16,7 @@ from stadimeter.bases.roomba_base import RoombaCodec
 from stadimeter.bases.ros_arduino_base import FRAME_S, RosArduinoCodec
 from stadimeter.bases.serial_codec import BaseMessage, SerialCodec
 from stadimeter.bases.waveshare_ugv import WaveshareUgvCodec
-from support.base_vectors import vectors, wire
+from support.base_bench import vectors, wire
 from support.each_case import each_case
 
 # Every codec against the wire vectors of its protocol, and against noise.

@@ -15,8 +15,7 @@ from stadimeter.bases.serial_base import SerialBase
 from stadimeter.bases.serial_codec import BaseMessage
 from stadimeter.errors import DeviceOpenError, LinkLostError, ProtocolError
 from stadimeter.simulation.firmware import RoboclawFirmware
-from support.base_bench import BaseBench, base_bench, opened
-from support.base_vectors import vectors, wire
+from support.base_bench import BaseBench, base_bench, opened, vectors, wire
 from support.each_case import each_case
 
 ROBOCLAW = "roboclaw_packet_serial"

@@ -19,8 +19,7 @@ from stadimeter.errors import DeviceOpenError, ProtocolError
 from stadimeter.simulation.emulated_base import EmulatedPort
 from stadimeter.simulation.firmware import FULL, OFF, PASSIVE, SAFE, Create1Firmware, RoombaFirmware
 from stadimeter.testing.rig import ManualClock
-from support.base_bench import BaseBench, base_bench, opened
-from support.base_vectors import wire
+from support.base_bench import BaseBench, base_bench, opened, wire
 from support.each_case import each_case
 
 OI = "irobot_oi"

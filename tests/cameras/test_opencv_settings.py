@@ -31,7 +31,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.testing.rig import ManualClock
 from support.each_case import each_case
 from support.picamera2_double import Sensor
-from support.v4l2_kernel import CAPTURE, METADATA, Kernel, Node
+from support.v4l2_double import CAPTURE, METADATA, Kernel, Node
 
 if TYPE_CHECKING:
     from conftest import FakeDevice

@@ -23,8 +23,7 @@ from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.render import render
 from support.scenes.scene import Scene
-from support.v4l2_double import V4l2Double
-from support.v4l2_kernel import Kernel, Node
+from support.v4l2_double import Kernel, Node, V4l2Double
 
 pytestmark = pytest.mark.vision
 

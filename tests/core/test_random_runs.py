@@ -28,8 +28,7 @@ from stadimeter.core.observation import FrameStamp, OutputFault
 from stadimeter.core.outputs import safe_command
 from stadimeter.core.persistence import AlarmSnapshot, find_absences, restore_alarms, snapshot_alarms
 from stadimeter.core.rule import AlarmRule, FollowRule, conditions_of
-from support.random_runs import OUTPUTS, first_difference, random_run, with_settings
-from support.whole_runs import whole_run
+from support.random_runs import OUTPUTS, first_difference, random_run, whole_run, with_settings
 
 # Random rules over random tracks: whatever is configured and seen, what moves is justified and within limits.
 

@@ -18,8 +18,7 @@ import pytest
 
 import stadimeter
 from stadimeter.testing.rig import eventually
-from support.booted_root import Booted, booted
-from support.debian_root import make_root, why_no_root
+from support.debian_root import Booted, booted, make_root, why_no_root
 from support.simulated_run import SIMULATED_BALL
 
 pytestmark = [

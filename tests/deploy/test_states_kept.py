@@ -17,8 +17,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.testing.rig import eventually
-from support.booted_root import Booted, booted
-from support.debian_root import DebianRoot, make_root, why_no_root
+from support.debian_root import Booted, DebianRoot, booted, make_root, why_no_root
 
 pytestmark = [
     pytest.mark.long,

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
-from support.scenes.blur import Blur
 from support.scenes.plane import Pose, SheetTarget
 from support.scenes.render import render
 from support.scenes.scene import Scene
-from support.scenes.sensor import Sensor
+from support.scenes.sensor import Blur, Sensor
 from support.scenes.target import Target
 from support.scenes.tone import Tone
 

@@ -17,19 +17,16 @@ from stadimeter.simulation.silhouette import silhouette
 from support.each_case import each_case
 from support.scenes import hard_flats
 from support.scenes.backdrop import ClutterBackdrop, PlainBackdrop
-from support.scenes.ball import BallTarget
-from support.scenes.ball_surface import BallSurface, Marking
-from support.scenes.blur import Blur
+from support.scenes.ball import BallSurface, BallTarget, Marking
 from support.scenes.cut_sheet import CutSheetTarget, GroupTarget, HandCut
 from support.scenes.draw import CAMERA, MARGIN_PX, ball_scene, disc_scene, empty_scene, sheet_scene, tag_scene
-from support.scenes.hand import Hand
 from support.scenes.hard_balls import BALLS, picked_range
 from support.scenes.nuisances import BARREL, distractors
-from support.scenes.occluder import Occluder
+from support.scenes.occluder import Hand, Occluder
 from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget
 from support.scenes.render import render
 from support.scenes.scene import Scene
-from support.scenes.sensor import Sensor
+from support.scenes.sensor import Blur, Sensor
 from support.scenes.tone import Tone
 
 pytestmark = pytest.mark.vision

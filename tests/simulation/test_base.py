@@ -28,7 +28,7 @@ from stadimeter.simulation.firmware import (
     WaveshareUgvFirmware,
 )
 from stadimeter.testing.rig import ManualClock
-from support.base_vectors import vectors, wire
+from support.base_bench import vectors, wire
 
 
 def twist(linear_mps: float, angular_radps: float = 0.0) -> TwistCommand:

@@ -1,10 +1,12 @@
-"""A serial base on a bench: its driver, the emulated board behind a real pseudo-terminal, and the robot it moves."""
+"""A serial base on a bench, with its emulated board and its robot; and the wire vectors of vendors and firmware."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 from msgspec import Struct
@@ -15,6 +17,29 @@ from stadimeter.core.command import BaseReport, TwistCommand
 from stadimeter.errors import DriverError
 from stadimeter.simulation.world import World, WorldOptions
 from stadimeter.testing.rig import ManualClock
+
+# The wire vectors of `tests/bases/base_vectors.json`: as vendors and firmware have them.
+
+_FILE = Path(__file__).parents[1] / "bases" / "base_vectors.json"
+_ALL: list[dict[str, Any]] = json.loads(_FILE.read_text("utf-8"))["vectors"]
+
+
+def vectors(protocol: str, direction: str | None = None, *, valid: bool | None = None) -> dict[str, dict[str, Any]]:
+    """Return the vectors of a protocol by name: all, those to the base (``tx``), or those from it (``rx``)."""
+    return {
+        vector["name"]: vector
+        for vector in _ALL
+        if vector["protocol"] == protocol and direction in {None, vector["direction"]}
+        if valid in {None, vector["valid"]}
+    }
+
+
+def wire(protocol: str, name: str) -> bytes:
+    """Return the bytes of a vector."""
+    return bytes.fromhex(vectors(protocol)[name]["bytes_hex"])
+
+
+# A serial base on a bench: its driver, the emulated board behind a real pseudo-terminal, and the robot it moves.
 
 TICKS_PER_METRE = 1440 / (math.pi * 0.065)
 TICK_S = 0.01

@@ -21,11 +21,9 @@ from stadimeter.ranging.ball import BallShape
 from stadimeter.simulation.silhouette import silhouette
 from support.scenes.backdrop import ClutterBackdrop
 from support.scenes.ball import BallTarget
-from support.scenes.blur import Blur
 from support.scenes.draw import CAMERA
-from support.scenes.lens import Lens
-from support.scenes.patch import patch_around
-from support.scenes.sensor import Sensor
+from support.scenes.sensor import Blur, Sensor
+from support.scenes.target import Lens, patch_around
 
 DIAMETER_M = 0.067
 RATE_HZ = 30.0

@@ -1,4 +1,4 @@
-"""The page, served by a thread of the test on a free port, and requests to it as a browser sends them."""
+"""The page, served by a thread on a free port, requests as a browser sends them, and what is wrong with its looks."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from stadimeter.web import passwords
 from stadimeter.web.page import Page, PageOptions
 from stadimeter.web.passwords import PasswordFile
 from stadimeter.web.serving import listen, server_of
+
+# The page, served by a thread of the test on a free port, and requests to it as a browser sends them.
 
 QUICK_SCRYPT = {"n": 2**4, "r": 8, "p": 1}
 OPERATE, READ = "correct horse", "battery staple"
@@ -121,3 +123,26 @@ def served_page(
 def quicken(monkeypatch: Any) -> None:
     """Let passwords be hashed at once."""
     monkeypatch.setattr(passwords, "SCRYPT", QUICK_SCRYPT)
+
+
+# What is wrong with a page as a browser draws it: cut off, too faint, without a name, out of reach of the keyboard.
+
+SCRIPT = Path(__file__).with_name("page_checks.js").read_text(encoding="utf-8")
+TABS_MAX = 400
+
+
+def faults_of(page: Any) -> list[str]:
+    """Return what is cut off, what has too little contrast, what has no name, and what is too small to touch."""
+    page.evaluate(SCRIPT)
+    return page.evaluate("window.pageChecks.all()")
+
+
+def out_of_reach(page: Any) -> list[str]:
+    """Press Tab until the focus has been everywhere; return what it did not come to, or where it was not to be seen."""
+    page.evaluate(SCRIPT)
+    page.evaluate("document.activeElement?.blur()")
+    for _ in range(TABS_MAX):
+        page.keyboard.press("Tab")
+        if page.evaluate("window.pageChecks.visit()"):
+            break
+    return page.evaluate("window.pageChecks.unreachable()")

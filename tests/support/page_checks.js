@@ -1,5 +1,5 @@
 // What is wrong with a page as it is drawn now, in words; each function returns a list that ought to be empty.
-// Put into the page by tests/support/page_checks.py.
+// Put into the page by tests/support/page.py.
 
 (() => {
   const TOLERANCE_PX = 1;

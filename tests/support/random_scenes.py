@@ -12,7 +12,7 @@ from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.operator_actions import OperatorAction, OperatorCommand
 from support.observing import measured, missed
-from support.random_conditions import LIMIT_M, TARGETS
+from support.random_rules import LIMIT_M, TARGETS
 
 # What an operator sets of a rule. The other actions are those of `random_run`, whose seeds stay what they are.
 SETTING = tuple(

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from support.browser import DESKTOP, PHONE, SILENT_AFTER_ONE, STILL, Served, served, tab, until
-from support.page_checks import faults_of
+from support.page import faults_of
 
 
 @pytest.fixture

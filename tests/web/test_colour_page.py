@@ -13,7 +13,7 @@ from stadimeter.config.files import sha256_of
 from stadimeter.web.passwords import PasswordFile
 from stadimeter.workbench.saving import versions
 from support.browser import DESKTOP, PHONE, STILL, Served, served, tab, until
-from support.page_checks import faults_of
+from support.page import faults_of
 
 GREEN = "29,86,6:64,255,255"
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from support.browser import DESKTOP, PHONE, TABLET, Served, served, tab
-from support.page_checks import faults_of, out_of_reach
+from support.page import faults_of, out_of_reach
 
 VIEWS = ("live", "timeline", "alarms", "recordings", "edit", "setup", "certificate")
 

@@ -20,7 +20,7 @@ from stadimeter.testing.rig import eventually
 from stadimeter.web.others import OtherPage, Others, announced, read_tokens
 from stadimeter.web.passwords import PasswordFile
 from support.browser import STILL, Served, served, tab
-from support.page_checks import faults_of
+from support.page import faults_of
 
 # A ball at 3.2 m: this alarm is raised at once.
 ALARM = STILL.replace('when = { below = "1 m" }', 'when = { below = "5 m" }')

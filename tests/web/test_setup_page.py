@@ -9,7 +9,7 @@ import pytest
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.setup.interview import ANSWERS, load_answers, save_answers
 from support.browser import DESKTOP, PHONE, TABLET, served, tab, until
-from support.page_checks import faults_of
+from support.page import faults_of
 
 CAMERA = {"camera": "simulated"}
 TARGET = {**CAMERA, "target": "ball", "size": "20 cm"}

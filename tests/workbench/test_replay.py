@@ -29,10 +29,10 @@ from stadimeter.workbench.replay.replay import ReplayRun, decisions, read_record
 from stadimeter.workbench.replay.replay_figures import Stay, Tally, stays
 from stadimeter.workbench.replay.what_if import KeptRecording, judged_apart
 from support.observing import Rehearsal
+from support.random_runs import whole_run
 from support.recordings import records_of
 from support.replaying import replay
 from support.saves import LENS
-from support.whole_runs import whole_run
 
 # Replays: read no further than need be, and never wrong for it.
 

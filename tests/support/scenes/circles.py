@@ -12,10 +12,9 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from support.scenes import draw
 from support.scenes.backdrop import ClutterBackdrop
-from support.scenes.lens import Rays
 from support.scenes.plane import INK_BGR, DiscTarget, Pose, Posed, SheetTarget
 from support.scenes.scene import Scene
-from support.scenes.target import Layer
+from support.scenes.target import Layer, Rays
 from support.scenes.tone import decode_srgb
 
 SPACING_M, DIAMETER_M = 0.10, 0.05

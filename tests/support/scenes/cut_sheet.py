@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.simulation.silhouette import Vector
-from support.scenes.lens import Floats, Rays
+from support.scenes.backdrop import Shadow
 from support.scenes.plane import PAPER_BGR, Pose, Posed
-from support.scenes.shadow import Shadow
-from support.scenes.target import Colour, Layer, Target, slope
+from support.scenes.target import Colour, Floats, Layer, Rays, Target, slope
 from support.scenes.tone import decode_srgb
 
 Plane = NDArray[np.float32]

@@ -14,10 +14,9 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.simulation.silhouette import Vector
 from support.scenes.backdrop import Backdrop, ClutterBackdrop, PlainBackdrop
 from support.scenes.ball import BallTarget
-from support.scenes.lens import Lens
 from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget
 from support.scenes.scene import Scene
-from support.scenes.target import Target
+from support.scenes.target import Lens, Target
 
 TUNING_SEEDS = range(1_000_000)
 REPORT_SEEDS = range(1_000_000, 2_000_000)

@@ -14,15 +14,12 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from support.scenes.backdrop import Backdrop, ClutterBackdrop, PlainBackdrop
-from support.scenes.ball import BallTarget
-from support.scenes.ball_surface import BallSurface, Marking
-from support.scenes.blur import Blur
+from support.scenes.backdrop import Backdrop, ClutterBackdrop, FloorBackdrop, Ground, PlainBackdrop
+from support.scenes.ball import BallSurface, BallTarget, Marking
 from support.scenes.draw import CAMERA, MARGIN_PX, MOST_ATTEMPTS, TENNIS_M
-from support.scenes.floor import FloorBackdrop, Ground
-from support.scenes.hand import Hand
+from support.scenes.occluder import Hand
 from support.scenes.scene import Scene
-from support.scenes.sensor import Sensor
+from support.scenes.sensor import Blur, Sensor
 from support.scenes.target import Colour
 from support.scenes.tone import Tone, decode_srgb
 

@@ -15,17 +15,22 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from support.scenes import draw
-from support.scenes.backdrop import Backdrop, ClutterBackdrop, PlainBackdrop
-from support.scenes.blur import Blur
+from support.scenes.backdrop import (
+    Backdrop,
+    ClutterBackdrop,
+    FloorBackdrop,
+    Ground,
+    PlainBackdrop,
+    ShadedBackdrop,
+    Shadow,
+)
 from support.scenes.cut_sheet import Curl, CutSheetTarget, GroupTarget, HandCut
-from support.scenes.floor import FloorBackdrop, Ground
 from support.scenes.hard_balls import GROUNDS, hard_sensor, picked_range
-from support.scenes.lens import Lens
 from support.scenes.plane import PAPER_BGR, DiscTarget, Pose
 from support.scenes.room import RoomBackdrop
 from support.scenes.scene import Scene
-from support.scenes.shadow import ShadedBackdrop, Shadow
-from support.scenes.target import Colour, Target
+from support.scenes.sensor import Blur
+from support.scenes.target import Colour, Lens, Target
 
 WALL, CLUTTER, ROOM, TEXTURE = "wall", "clutter", "room", "texture"
 BACKDROPS = (WALL, CLUTTER, ROOM, TEXTURE)

@@ -13,9 +13,9 @@ from msgspec.structs import replace
 
 from support.scenes.backdrop import ClutterBackdrop
 from support.scenes.ball import BallTarget
-from support.scenes.blur import Blur
 from support.scenes.occluder import Occluder
 from support.scenes.scene import Scene
+from support.scenes.sensor import Blur
 from support.scenes.tone import Tone
 
 Nuisance = Callable[[Scene], Scene]

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import Footing
-from support.scenes.backdrop import PlainBackdrop
+from support.scenes.backdrop import Ground, PlainBackdrop
 from support.scenes.draw import CAMERA, TAG_FAMILY, TAGS
-from support.scenes.floor import Ground
 from support.scenes.hard_balls import hard_ball
 from support.scenes.plane import Pose, SheetTarget, TagTarget
 from support.scenes.scene import Scene

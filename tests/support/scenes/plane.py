@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.simulation.silhouette import Vector
-from support.scenes.lens import Floats, Rays
-from support.scenes.target import Colour, Layer, inside, slope
+from support.scenes.target import Colour, Floats, Layer, Rays, inside, slope
 from support.scenes.tone import decode_srgb
 
 Plane = NDArray[np.float32]

@@ -15,10 +15,9 @@ from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
 from support.scenes import draw
 from support.scenes.backdrop import ClutterBackdrop
-from support.scenes.lens import Rays
 from support.scenes.plane import Pose, Posed, SheetTarget
 from support.scenes.scene import Scene
-from support.scenes.target import Layer
+from support.scenes.target import Layer, Rays
 from support.scenes.tone import decode_srgb
 
 SIZE_PX = (720, 540)

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
 from support.scenes.backdrop import Backdrop, KeepOut
-from support.scenes.lens import Lens
-from support.scenes.patch import Patch, patch_around
 from support.scenes.scene import RenderedScene, Scene, Truth
-from support.scenes.target import Layer, Target
+from support.scenes.target import Layer, Lens, Patch, Target, patch_around
 
 Plane = NDArray[np.float32]
 

@@ -9,10 +9,8 @@ from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image, Subsampling
 from stadimeter.simulation.silhouette import Vector
 from support.scenes.backdrop import Backdrop, ClutterBackdrop
-from support.scenes.blur import Blur
-from support.scenes.hand import Hand
-from support.scenes.occluder import Occluder
-from support.scenes.sensor import Sensor
+from support.scenes.occluder import Hand, Occluder
+from support.scenes.sensor import Blur, Sensor
 from support.scenes.target import Target
 
 

@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from support.scenes import draw
 from support.scenes.backdrop import Backdrop, KeepOut, PlainBackdrop
-from support.scenes.blur import Blur
 from support.scenes.cut_sheet import CutSheetTarget, GroupTarget, HandCut
 from support.scenes.hard_flats import HardFlat, backdrop_of, placed_whole
-from support.scenes.lens import Floats, Rays
 from support.scenes.plane import Pose
 from support.scenes.room import RoomBackdrop
 from support.scenes.scene import Scene
-from support.scenes.sensor import Sensor
-from support.scenes.target import Colour, Layer, Target
+from support.scenes.sensor import Blur, Sensor
+from support.scenes.target import Colour, Floats, Layer, Rays, Target
 from support.scenes.tone import decode_srgb
 
 STRIP_M = (0.0508, 0.127)
