@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.certificate import certificate_findings, ends_of
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.cross_checks import MAX_BLIND_S
-from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.loader import Configuration
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
@@ -25,32 +25,18 @@ from stadimeter.errors import Problem, StadimeterError
 from stadimeter.ranging.similar_triangles import RELIABLE_PX, expect, farthest_m
 
 
-def field_of_view_rad(camera: CameraModel, quantity: str) -> tuple[float, float]:
-    """Return the lowest and the highest bearing (positive to the right) or elevation (positive upwards) that is seen.
-
-    They are those along the middle of the picture; lens distortion at its edge is left out.
-    """
-    if quantity == "bearing":
-        return -math.atan(camera.cx_px / camera.fx_px), math.atan((camera.width_px - 1 - camera.cx_px) / camera.fx_px)
-    return -math.atan((camera.height_px - 1 - camera.cy_px) / camera.fy_px), math.atan(camera.cy_px / camera.fy_px)
-
-
 def direction_findings(at: KeyPath, condition: FigureCondition, camera: CameraModel) -> Iterator[Finding]:
-    """Find conditions on directions that begin, or end, outside the picture only."""
-    low_rad, high_rad = field_of_view_rad(camera, condition.quantity)
-    seen = f"the camera sees from {_degrees(low_rad)} to {_degrees(high_rad)}"
-    above_rad = -math.inf if condition.above is None else condition.above
-    below_rad = math.inf if condition.below is None else condition.below
+    """Find conditions on directions outside the picture, as it is along its middle without the lens's distortion."""
+    if condition.quantity == "bearing":  # positive to the right
+        ends_px, focal_px = (-camera.cx_px, camera.width_px - 1 - camera.cx_px), camera.fx_px
+    else:  # positive upwards
+        ends_px, focal_px = (camera.cy_px + 1 - camera.height_px, camera.cy_px), camera.fy_px
+    low_rad, high_rad = (math.atan(end_px / focal_px) for end_px in ends_px)
+    above_rad, below_rad = condition.limits
     if above_rad >= high_rad or below_rad <= low_rad:
-        message = f"no {condition.quantity} in the picture meets this: {seen}"
+        seen = f"{math.degrees(low_rad):.0f}° to {math.degrees(high_rad):.0f}°"
+        message = f"no {condition.quantity} in the picture meets this: the camera sees from {seen}"
         yield Finding(at, message, "choose a limit within that, or a wider lens", "unreachable")
-    elif above_rad - condition.deadband <= low_rad and below_rad + condition.deadband >= high_rad:
-        message = f"with its deadband of {_degrees(condition.deadband)} this ends outside the picture only: {seen}"
-        yield Finding(at, message, "make the deadband smaller, or choose another limit", "unresolvable")
-
-
-def _degrees(angle_rad: float) -> str:
-    return f"{math.degrees(angle_rad):.0f}°"
 
 
 def feasibility_warnings(configuration: Configuration) -> tuple[Problem, ...]:
@@ -80,29 +66,17 @@ def _frames_too_slow(configuration: Configuration) -> Iterator[Finding]:
     """Find a camera whose frames are too old to act on before the next one comes. A recording has all the time."""
     rate_hz = getattr(configuration.camera.options, "rate", None)
     longest_s = configuration.plan.safety.max_frame_age_s
-    if not rate_hz or 1 / rate_hz < longest_s or not configuration.plan.outputs or not _is_live(configuration):
+    if not rate_hz or 1 / rate_hz < longest_s or not configuration.plan.outputs:
         return
-    message = (
-        f"at {rate_hz:g} frames a second each picture is {1e3 / rate_hz:.0f} ms old when the next one comes, and "
-        f"safety.max_frame_age is {1e3 * longest_s:.0f} ms: no output ever acts"
-    )
-    yield Finding(("camera", "rate"), message, _hint_for_rate(configuration, rate_hz), "rate-too-low")
-
-
-def _is_live(configuration: Configuration) -> bool:
-    try:
-        return build(configuration).is_live
-    except StadimeterError:
-        return False  # what cannot be built is said by others
-
-
-def _hint_for_rate(configuration: Configuration, rate_hz: float) -> str:
-    wanted_s = round(FRAMES_OF_AGE / rate_hz, 2)
-    if wanted_s > MAX_BLIND_S:
-        return f"take {FRAMES_OF_AGE / MAX_BLIND_S:g} frames a second or more: nothing acts for over 1 s unseen"
-    outputs = " and ".join("[base]" if name == BASE_NAME else f"[actuators.{name}]" for name in configuration.leases_s)
-    age = f'"{wanted_s:g} s"'
-    return f"take more frames, or write max_frame_age = {age} in [safety] and lease = {age} in {outputs}"
+    with suppress(StadimeterError):  # what cannot be built is said by others
+        if build(configuration).is_live:
+            message = (
+                f"at {rate_hz:g} frames a second each picture is {1e3 / rate_hz:.0f} ms old when the next one comes, "
+                f"and safety.max_frame_age is {1e3 * longest_s:.0f} ms: no output ever acts"
+            )
+            age = f'"{min(round(FRAMES_OF_AGE / rate_hz, 2), MAX_BLIND_S):g} s"'
+            hint = f"take more frames, or write max_frame_age = {age} in [safety], and each lease as long"
+            yield Finding(("camera", "rate"), message, hint, "rate-too-low")
 
 
 def _target_sizes(configuration: Configuration) -> dict[str, TargetShape]:
@@ -155,12 +129,10 @@ def _distance_findings(
     if condition.below is not None and condition.below <= nearest_m:
         yield _too_near(at, condition, nearest_m, camera)
         return
-    small = list(_too_small(at, max(limits_m, default=0.0), condition.target, size, camera))
-    unsure = [finding for limit_m in limits_m for finding in _too_noisy(at, limit_m, condition, size, camera)]
-    unsure += _too_narrow(at, condition, size, camera)
-    yield from (*small, *unsure)
-    if not small and not unsure:
-        yield from _ends_too_far(at, condition, size, camera)
+    yield from _too_small(at, max(limits_m, default=0.0), condition.target, size, camera)
+    for limit_m in limits_m:
+        yield from _too_noisy(at, limit_m, condition, size, camera)
+    yield from _too_narrow(at, condition, size, camera)
 
 
 def _too_near(at: KeyPath, condition: DistanceCondition, nearest_m: float, camera: CameraModel) -> Finding:
@@ -217,23 +189,6 @@ def _too_narrow(at: KeyPath, condition: DistanceCondition, size: TargetShape, ca
         f"probability of {likely:.0%} at most, and {likely_on:.0%} is asked for: this may never begin"
     )
     yield Finding(at, message, "a better calibration, a wider range or a lower probability helps", "unresolvable")
-
-
-def _ends_too_far(
-    at: KeyPath, condition: DistanceCondition, size: TargetShape, camera: CameraModel
-) -> Iterator[Finding]:
-    """Find an alarm that begins where the target is seen, and ends only where it is not."""
-    if condition.below is None:
-        return
-    noise_m = expect(size, camera, condition.below).noise_m
-    band_m = max(condition.deadband, condition.deadband_sigmas * noise_m)
-    ends_m, seen_m = condition.below + band_m, farthest_m(size, camera)
-    if ends_m > seen_m:
-        message = (
-            f"with its deadband of {band_m:.2f} m the alarm ends at {length(ends_m)}, and beyond {length(seen_m)} "
-            f"'{condition.target}' is not found reliably: it may not end"
-        )
-        yield Finding(at, message, "make the deadband smaller, or the target larger", "unresolvable")
 
 
 def _pixels(size_px: float) -> str:

@@ -92,51 +92,6 @@ class Threshold(NamedTuple):
     high: float
 
 
-IN_SIGHT = "in sight"
-
-
-class Span(Struct, frozen=True):
-    """A stretch of one figure where something holds. Ends do not count: no measurement is exactly at a threshold.
-
-    Attributes:
-        figure: Such as ``("distance", "ball")``. The figure ``("in sight", TARGET)`` is for how many seconds the
-            target has been in sight, and below zero for how many it has been lost.
-        low: In its unit.
-        sights: The targets that must be in sight.
-        deadband: How far each limit moves once it holds, standard deviations left out.
-    """
-
-    figure: tuple[str, ...]
-    low: float
-    high: float
-    sights: tuple[str, ...] = ()
-    deadband: float = 0.0
-
-    @property
-    def is_empty(self) -> bool:
-        """True if nothing is in it."""
-        return self.low >= self.high
-
-    def meets(self, other: Span) -> bool:
-        """Check whether both may hold at once."""
-        if self.figure == other.figure:
-            return max(self.low, other.low) < min(self.high, other.high)
-        return not (self._is_blind_to(other) or other._is_blind_to(self))
-
-    def covers(self, other: Span) -> bool:
-        """Check whether it holds wherever another one does: where they begin, and where they end."""
-        if self.figure[0] == IN_SIGHT and self.low == 0.0 and self.figure[1] in other.sights:
-            return True
-        is_wide = self.low <= other.low and self.high >= other.high
-        stays = self.low - self.deadband <= other.low - other.deadband
-        return self.figure == other.figure and is_wide and stays and (
-            self.high + self.deadband >= other.high + other.deadband
-        )  # fmt: skip
-
-    def _is_blind_to(self, other: Span) -> bool:
-        return self.figure[0] == IN_SIGHT and self.high <= 0 and self.figure[1] in other.sights
-
-
 class Leaf:
     """A simple condition. Each kind is a frozen dataclass in SI units."""
 
@@ -217,15 +172,6 @@ class Leaf:
         None, one or two, the smaller first; none if it can never do so since the figure is too unsure everywhere.
         """
         return ()
-
-    @property
-    def span(self) -> Span | None:
-        """The stretch of its figure where it holds, for `check`; None for one of which nothing is said."""
-        if not self.has_figures:
-            return None
-        low, high = self.limits
-        targets = tuple(sorted(self.targets_named))
-        return Span((self.noun, *targets), low if self.is_signed else max(low, 0.0), high, targets)
 
     # In words ---------------------------------------------------------------------------------------
 

@@ -16,10 +16,8 @@ import math
 from collections.abc import Callable
 from typing import ClassVar
 
-from msgspec.structs import replace
-
 from stadimeter.core.conditions.evidence import Uncertain, probability_between
-from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Span, Threshold, back_words
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold, back_words
 
 # Nothing is in doubt this many standard deviations from a threshold.
 FAR_SIGMAS = 12.0
@@ -54,12 +52,6 @@ class LimitsCondition(Leaf):
         return ""
 
     @property
-    def can_end(self) -> bool:
-        """True if a figure that is never below zero can come back over the deadband."""
-        low, high = self.limits
-        return self.is_signed or math.isinf(low) or math.isfinite(high) or self.deadband < low
-
-    @property
     def thresholds(self) -> tuple[Threshold, ...]:
         """One threshold, ``above`` or ``below``; or the two ends of ``between``, however they were written.
 
@@ -88,12 +80,6 @@ class LimitsCondition(Leaf):
     def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the figure and how sure it is; None while there is no finite figure to act on."""
         raise NotImplementedError
-
-    @property
-    def span(self) -> Span | None:
-        """The stretch of its figure; see `Leaf.span`."""
-        span: Span | None = super().span
-        return span and replace(span, deadband=self.deadband)
 
     @property
     def ends(self) -> str:

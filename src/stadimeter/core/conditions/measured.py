@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 
 from msgspec import Struct
-from msgspec.structs import replace
 
 from stadimeter.core.bounds import MAX_BY_UNIT, MIN_QUANTITY
 from stadimeter.core.conditions import quantities
 from stadimeter.core.conditions.evidence import Uncertain
-from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Span, Threshold, back_words, closing_words
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold, back_words, closing_words
 from stadimeter.core.conditions.limits import LimitsCondition
 from stadimeter.core.tracking.transverse import AskedMotion
 from stadimeter.core.words import duration, figure_in_words, length, metres, uncertain_figure
@@ -117,14 +116,6 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def _of(self) -> tuple[str, str, str, float]:
         return self.target, self.quantity, self.other, self.within_m
-
-    @property
-    def span(self) -> Span | None:
-        """The stretch of its figure, of a comparison for both orders of the targets; see `Leaf.span`."""
-        span: Span | None = super().span
-        if span is None or not self.is_comparison or self.target <= self.other:
-            return span
-        return replace(span, low=-span.high, high=-span.low)
 
     @property
     def _is_apart(self) -> bool:

@@ -7,7 +7,7 @@ import math
 from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_DURATION_S, MIN_QUANTITY
-from stadimeter.core.conditions.leaf import IN_SIGHT, JudgedFigure, Leaf, RuleInputs, Span, Threshold
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold
 from stadimeter.core.conditions.limits import ends_of
 from stadimeter.core.decision import SafetyMode
 from stadimeter.core.words import duration, length
@@ -60,12 +60,6 @@ class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
         is_so = track.is_valid is self.seen and track.since_s is not None
         held_s = inputs.now_s - track.since_s if is_so and track.since_s is not None else 0.0
         return JudgedFigure(value=held_s, low=self.for_s)
-
-    @property
-    def span(self) -> Span | None:
-        """The stretch of the time in sight, which is below zero out of it; see `Leaf.span`."""
-        limits = (self.for_s, math.inf) if self.seen else (-math.inf, -self.for_s)
-        return Span((IN_SIGHT, self.target), *limits)
 
     @property
     def begins(self) -> str:
