@@ -69,7 +69,7 @@ def _references(draft: Draft) -> Iterator[Finding]:
         "notifier": draft.names("notifiers"),
         "target": draft.target_names,
         "figure": draft.names("figures"),
-        "rule": tuple(_rule_names(draft)),
+        "rule": tuple(rule_names(draft)),
     }
     for named in (_named_by_rules, _named_in_conditions, _named_by_others):
         for path, kind, name in named(draft):
@@ -81,7 +81,7 @@ def _references(draft: Draft) -> Iterator[Finding]:
             yield Finding(path, f"there is no {kind} '{name}'", hint, "unknown-name")
 
 
-def _rule_names(draft: Draft) -> Iterator[str]:
+def rule_names(draft: Draft) -> Iterator[str]:
     """Go through the names of all rules, also of those that could not be read."""
     for section, table in draft.tables("rules").items():
         several = draft.rules[section].targets if section in draft.rules else table.get("targets")

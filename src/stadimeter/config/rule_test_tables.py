@@ -136,6 +136,18 @@ class ExpectTable(Section):
     acts_at: Moments | None = None
     """When it is not."""
 
+    @model_validator(mode="after")
+    def _can_be(self) -> Self:
+        if not self.model_fields_set:
+            raise ValueError("nothing is expected; write such as { raised = 1 }")
+        for kind in ("raised", "cleared"):
+            by_s, after_s, within_s = (getattr(self, f"{kind}_{when}") for when in ("by", "after", "within"))
+            if by_s is not None and after_s is not None and by_s < after_s:
+                raise ValueError(f"nothing is {kind} by {by_s:g} s and not before {after_s:g} s")
+            if getattr(self, kind) == 0 and (by_s, after_s, within_s) != (None, None, None):
+                raise ValueError(f"'{kind} = 0' expects that it never happens, and this says when")
+        return self
+
     def moments(self) -> dict[str, list[float]]:
         """Return every time that is named, in seconds, by key; of a stretch its end."""
         named: dict[str, list[float]] = {}
@@ -153,6 +165,10 @@ OF_ACTUATORS = ("level_at", "level_max", "level_reaches")
 OF_BASES = ("speed_max", "speed_reaches")
 OF_OUTPUTS = ("stopped_at", "acts_at")
 OF_RULES = tuple(key for key in ExpectTable.model_fields if key not in {*OF_ACTUATORS, *OF_BASES, *OF_OUTPUTS})
+
+# The keys of one target, which have no place beside several.
+_OF_ONE_TARGET = {"target", "hover", "approach", "recede", "skip", "points", "lost", "bearing", "elevation", "repeat"}
+_MAX_RATE_HZ = 30.0
 
 # The longest test, in frames: nine hours at 30 a second. More is a slip of the pen.
 FRAMES_MAX = 1_000_000
@@ -277,6 +293,20 @@ class MotionTable(Section):
     repeat: Annotated[int, Field(ge=1, le=1000)] = 1
     """How often in a row it moves like that; each time begins where the target was at first."""
 
+    @model_validator(mode="after")
+    def _moves_one_way(self) -> Self:
+        given = [key for key in MOTIONS if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise ValueError(f"a target cannot {' and '.join(given)} at once; use points")
+        for travel, is_nearer in ((self.approach, True), (self.recede, False)):
+            if travel is not None and (travel.end < travel.start) is not is_nearer:
+                wanted, other = ("nearer", "recede") if is_nearer else ("further", "approach")
+                raise ValueError(f"from {travel.start:g} m to {travel.end:g} m is not {wanted}; write {other}")
+        times_s = [point.at for point in self.points or ()]
+        if times_s and (times_s[0] != 0 or times_s != sorted(times_s) or times_s[-1] == 0):
+            raise ValueError("points begin at '0 s', are in order, and end later; to stand at one distance write hover")
+        return self
+
     def path(self) -> tuple[PathPoint, ...]:
         """Return where the target is when, in the order of time; nothing if no motion is given."""
         motion = self.hover or self.approach or self.recede or self.skip
@@ -338,8 +368,14 @@ class OperatorTable(Section):
     why: str = ""
     """Why."""
 
+    @model_validator(mode="after")
+    def _one_order(self) -> Self:
+        if len(self.orders()) != 1:
+            raise ValueError('an entry says one thing that is done, such as { at = "3 s", acknowledge = "near" }')
+        return self
+
     def orders(self) -> tuple[tuple[OperatorAction, str], ...]:
-        """List what is to be done to which rule (empty for none); more or fewer than one is wrong."""
+        """List what is to be done to which rule, empty for none."""
         named = ((action, getattr(self, action.replace("-", "_"), None)) for action in OperatorAction)
         return tuple((action, "" if rule is True else rule) for action, rule in named if rule is not None)
 
@@ -374,6 +410,25 @@ class InputTable(MotionTable):
     operator: list[OperatorTable] = Field(default_factory=list)
     """What people tell rules."""
 
+    @model_validator(mode="after")
+    def _says_what_happens(self) -> Self:
+        given = self.model_fields_set
+        if self.journal is not None:
+            if len(given) > 1:
+                raise ValueError(f"a recording has its own '{min(given - {'journal'})}': take it out, or the journal")
+            return self
+        if self.targets is None and self.moving_s == 0:
+            raise ValueError(f"the test does not say what happens; known are: {', '.join(MOTIONS)}, journal")
+        if self.targets is not None and (beside := given & _OF_ONE_TARGET):
+            raise ValueError(f"'{min(beside)}' does not go with 'targets'; put it inside one of them, or out")
+        if self.targets is not None and any(motion.duration_s == 0 for motion in self.targets.values() or [self]):
+            raise ValueError("no target moves, or one does not; write such as targets.NAME = { … } for each that does")
+        if self.date is not None and (self.clock is None or "day" in given):
+            raise ValueError("a date goes with clock, and has a day of the week of its own")
+        if self.moving_s * (self.rate or _MAX_RATE_HZ) > FRAMES_MAX:
+            raise ValueError(f"{self.moving_s:g} s are more than {FRAMES_MAX:,} frames, the most that a test may have")
+        return self
+
     def motions(self, targets: Sequence[str]) -> Mapping[str, MotionTable]:
         """Return the motion of each target, without those that are never in sight."""
         if self.targets is not None:
@@ -394,7 +449,7 @@ class RuleTestTable(Section):
     """What it shows; None for one by its number."""
     input: InputTable
     """What happens."""
-    expect: dict[str, ExpectTable]
+    expect: Annotated[dict[str, ExpectTable], Field(min_length=1)]
     """What is expected, by the name of a rule or an output."""
 
 
