@@ -71,6 +71,19 @@ def test_a_dark_ball_is_found_where_its_range_says_so(ball_detector, draw, wall)
     assert found.width_px == pytest.approx(2 * RADIUS_PX, rel=0.02)
 
 
+def test_a_ball_in_a_glare_is_found_though_it_is_paler_than_its_range(ball_detector, draw, wall) -> None:
+    pale = (178, 176, 232)  # a saturation of 61; the range asks for 100
+    found = ball_detector().detect(draw.frame(draw.noise(draw.disc(wall(), CENTRE, RADIUS_PX, pale))))
+    assert found.status is DetectionStatus.FOUND
+    assert found.width_px == pytest.approx(2 * RADIUS_PX, rel=0.02)
+
+
+def test_of_a_ball_in_its_colours_and_a_pale_one_the_first_is_the_ball(ball_detector, draw, wall) -> None:
+    picture = draw.disc(draw.disc(wall(), (200, 240), 60, (178, 176, 232)), (450, 240), 40, RED)
+    found = ball_detector().detect(draw.frame(draw.noise(picture)))
+    assert found.centre_px == pytest.approx((450, 240), abs=0.5)
+
+
 def test_of_another_size_than_expected_a_ball_is_searched_in_the_whole_picture(ball_detector, draw, wall) -> None:
     picture = draw.disc(draw.disc(wall(), (150, 240), 50, RED), (450, 240), 12, RED)
     expected = Prediction(centre_px=(450, 240), size_px=50.0, sigma_px=2.0)

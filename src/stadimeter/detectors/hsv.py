@@ -14,7 +14,6 @@ from typing import Annotated
 import cv2
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, InstanceOf
 
@@ -30,12 +29,12 @@ CHANNELS = (("hue", 179), ("saturation", 255), ("value", 255))
 MIN_CHROMA = 8
 
 # Where the least saturation of a range reaches that difference at this value or less, all darker pixels are left out,
-# those that are more saturated too: that needs no look at the saturation of each. Not so for ranges of dark colours,
-# nor where nothing else is found.
+# those that are more saturated too: that needs no look at the saturation of each. Not so for ranges of dark colours.
 DARK_VALUE = 32
 
-# Among fewer pixels there is nothing to tell apart.
-MIN_TOLD_APART = 64
+# How many more hues a thing may have to either side in other light, and which shares of the least saturation and value:
+# glare leaves a third of the saturation of a tennis ball whose colour was taken indoors.
+HUES_OF_LIGHT, PALER, DARKER = 5, 0.33, 0.5
 
 # Up to this many are converted as one row, which saves OpenCV what it spends on each: two thirds at 80 by 60. More may
 # be spread over several threads, by rows.
@@ -53,8 +52,6 @@ class HsvRange(Struct, frozen=True):
 
     lower: tuple[int, int, int]
     upper: tuple[int, int, int]
-    # Whether pixels count that are dark, but saturated enough to have a hue, which takes a look at each.
-    keeps_dark: bool = False
 
     def mask(self, image: Image) -> Mask:
         """Return which pixels have such a colour: 255 where one has, 0 elsewhere, shape ``(height, width)``.
@@ -67,7 +64,7 @@ class HsvRange(Struct, frozen=True):
         # From this value on every pixel of the range has a hue, since its chroma is at least saturation * value / 255.
         # That limit costs less than the chroma of each pixel, but leaves out darker pixels that are more saturated.
         min_value = math.ceil(MIN_CHROMA * 255 / max(self.lower[1], 1))
-        if self.keeps_dark or min_value > DARK_VALUE or self.upper[2] < 2 * DARK_VALUE:
+        if min_value > DARK_VALUE or self.upper[2] < 2 * DARK_VALUE:
             return np.asarray(cv2.bitwise_and(self._between_hues(hsv, self.lower[2]), _has_hue(hsv)), np.uint8)
         return self._between_hues(hsv, max(self.lower[2], min_value))
 
@@ -75,14 +72,12 @@ class HsvRange(Struct, frozen=True):
         """Return which pixels of a picture in hue, saturation and value are between the limits, grey ones included."""
         return self._between_hues(hsv, self.lower[2])
 
-    def narrow(self, image: Image) -> Iterator[HsvRange]:
-        """Yield ranges for the more saturated of the pixels that have such a colour, and for the brighter of them."""
-        pixels = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)[self.mask(image) > 0]
-        for channel in (1, 2) if len(pixels) >= MIN_TOLD_APART else ():
-            least, _ = cv2.threshold(pixels[None, :, channel].copy(), 0, 255, cv2.THRESH_OTSU)
-            lower = list(self.lower)
-            lower[channel] = max(lower[channel], int(least) + 1)
-            yield replace(self, lower=(lower[0], lower[1], lower[2]))
+    @property
+    def in_other_light(self) -> HsvRange:
+        """The colours that such a thing may have in other light: paler in the glare, darker in the shade."""
+        _, saturation, value = self.lower
+        wider = widen(self, HUES_OF_LIGHT)
+        return HsvRange((wider.lower[0], int(PALER * saturation), int(DARKER * value)), wider.upper)
 
     def _between_hues(self, hsv: cv2.typing.MatLike, min_value: int) -> Mask:
         """Return which pixels are between the limits, with another lower limit of the value."""

@@ -13,7 +13,6 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, Self
 
-from msgspec.structs import replace
 from pydantic import Field, model_validator
 
 from stadimeter.config.plugins import Count, DriverContext, DriverOptions, numbered
@@ -21,7 +20,7 @@ from stadimeter.config.units import BallDiameter, Tolerance
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.ball.blobs import Blob, ImageCircle, find_blobs, search_step, thin_out
+from stadimeter.detectors.ball.blobs import Blob, ImageCircle, find_blobs, search_step
 from stadimeter.detectors.ball.colour_proposal import propose, view
 from stadimeter.detectors.ball.evidence import (
     LIKELY,
@@ -47,9 +46,6 @@ COARSE_CELLS = 3
 
 # A ball is no narrower than this share of the blob that shows it, unless that shows more than the ball.
 MIN_SHARE_EXPLAINED = 0.7
-
-# Number of blobs of the more vivid part of its colour that are looked at.
-MAX_VIVID = 3
 
 # With a prediction that is less sure, the blobs near the expected place are looked at instead.
 CERTAIN_PX, REACH_SIGMAS = 2.0, 2.5
@@ -162,29 +158,19 @@ class BallDetector:
             return self._report(scene, "no circle of edges")
         if self._around_px is None and self._has_large(scene, colour):
             return self._report(scene, "")
-        return self._report(self._search_colour(scene, colour), f"no pixel has the ball's colour {colour}")
+        self._search_colour(scene, colour)
+        return self._report(scene, f"no pixel has the ball's colour {colour}")
 
-    def _search_colour(self, scene: BallScene, colour: HsvRange) -> BallScene:
-        """Search blobs of the ball's colour, and unless that settles it, parts of them; return what was searched."""
-        blobs = self._list_blobs(scene, colour)
-        if not blobs:
-            # Dark pixels, which are left out since they take longer, may be all that the ball shows.
-            colour = replace(colour, keeps_dark=True)
-            scene = scene._replace(colour=colour)
-            blobs = self._list_blobs(scene, colour)
+    def _search_colour(self, scene: BallScene, colour: HsvRange) -> None:
+        """Search blobs of the ball's colour, and unless one is the ball, circles of edges."""
+        blobs = self._list_blobs(scene, colour) or self._list_blobs(scene, colour.in_other_light)
         if (place_px := self._around_px) is not None:
             search_blobs(scene, [blob for blob in blobs if _reaches(blob, place_px)])
-            return scene
+            return
         search_blobs(scene, blobs)
-        if blobs and not scene.is_likely:
-            # A hand or the floor may have the ball's colour, but hardly anything is as vivid.
-            for vivid in colour.narrow(thin_out(scene.image, self._step)):
-                narrowed = scene._replace(colour=vivid, is_narrowed=True)
-                search_blobs(narrowed, self._list_blobs(scene, vivid)[:MAX_VIVID])
         if blobs and not scene.is_settled():
             # Beside a likely ball, another one is no larger than what has its colour.
             search_circles(scene, blobs[0].size_px if scene.is_likely else math.inf)
-        return scene
 
     def _scene_of(self, frame: Frame, lens: CameraModel | None) -> BallScene:
         # An arc of a circle that is wider than the picture is hardly told from a line.

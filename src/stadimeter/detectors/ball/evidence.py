@@ -18,7 +18,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Prediction, RejectedCandidate
+from stadimeter.core.detection import Flags, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame, Image, Subsampling
 from stadimeter.detectors.ball.blobs import ImageCircle
 from stadimeter.detectors.ball.colours import separate
@@ -56,11 +56,13 @@ MAX_ROUGHNESS, MAX_APART, LARGE_PX, VIVID_LEVELS = 1.5, 4.0, 100.0, (-50.0, 100.
 # the shade or printed on; the third keeps it finite. And the share of the directions in which it goes on outside.
 FILLED, FILLED_ENOUGH, FILLED_ANYHOW, GOES_ON = 2.63, 0.6, 0.03, -6.6
 
-# What shows less of the ball's colour than this is another thing, whatever else speaks for it.
-MIN_FILL = 0.02
+# What shows less of the ball's colour than this is another thing, whatever else speaks for it; of the colours that it
+# may have in other light pale walls show some, a ball a half.
+MIN_FILL, MIN_FILL_OF_OTHER = 0.02, 0.3
 
-# With a range of colours that was chosen by the picture, chance has more to choose from.
-NARROWED = 1.5
+# Among the colours that it may have in other light, chance has more to choose from: with this cost, three real balls in
+# a glare or in the shade are found, and no more alarms are raised in a hundred rooms.
+OTHER_LIGHT = 1.5
 
 # Of fewer steps, or with less roughness, corners are not seen.
 MIN_CORNERED_STEPS, MIN_CORNERED_ROUGHNESS = 12, 0.08
@@ -144,7 +146,6 @@ class BallScene(NamedTuple):
     colour: HsvRange | None  # the ball's; None where any will do
     radii_px: tuple[float, float]  # the least and the largest radius that is accepted, the latter perhaps infinite
     seen: list[FoundBall]  # every limb that was looked at, filled while searching
-    is_narrowed: bool = False  # whether the colour is only a part of the ball's, chosen by the picture
     expected: ImageCircle | None = None  # where the ball is expected, while it is looked for there
 
     @property
@@ -183,7 +184,7 @@ def hope(scene: BallScene, limb: Limb) -> float:
     weights, circle = scene.weights, limb.circle
     evidence = weights.start + weights.seen * seen_share(limb) + weights.rough * min(limb.roughness, MAX_ROUGHNESS)
     evidence += weights.apart * MAX_APART + weights.large * math.log(min(circle.radius_px, LARGE_PX))
-    evidence += weights.vivid * VIVID_LEVELS[1] - (NARROWED if scene.is_narrowed else 0.0)
+    evidence += weights.vivid * VIVID_LEVELS[1]
     if scene.expected is not None and _agrees(circle, scene.expected):
         evidence += EXPECTED
     return evidence
@@ -236,13 +237,20 @@ def _look_around(scene: BallScene, limb: Limb) -> dict[str, float]:
         more = min(max(median_chroma(inside) - median_chroma(outside), VIVID_LEVELS[0]), VIVID_LEVELS[1])
         what = f"is no more vivid than what is around it, by {more:.0f} levels"
         return costs | {what: weights.vivid * (VIVID_LEVELS[1] - more)}
-    has_colour = scene.colour.mask(pixels) > 0
-    fill = np.count_nonzero(has_colour[:, :inner]) / (len(pixels) * inner)
-    goes_on = np.count_nonzero(has_colour[:, inner:].any(axis=1)) / len(pixels)
+    in_other_light = _cost_of_colour(scene.colour.in_other_light.mask(pixels) > 0, MIN_FILL_OF_OTHER)
+    in_other_light["has the ball's colour in other light only"] = OTHER_LIGHT
+    own = _cost_of_colour(scene.colour.mask(pixels) > 0, MIN_FILL)
+    return costs | min(own, in_other_light, key=lambda each: sum(each.values()))
+
+
+def _cost_of_colour(has_colour: Flags, min_fill: float) -> dict[str, float]:
+    """Return the amounts that the places of a colour, shape ``(n, 5)``, take from the evidence."""
+    inner = len(INSIDE)
+    fill, goes_on = float(has_colour[:, :inner].mean()), float(has_colour[:, inner:].any(axis=1).mean())
     filled = min(1.0, (fill + FILLED_ANYHOW) / (FILLED_ENOUGH + FILLED_ANYHOW))
-    return costs | {
-        f"has the ball's colour on {fill:.0%} of it, limit {MIN_FILL:.0%}": -FILLED * math.log(filled)
-        if fill >= MIN_FILL
+    return {
+        f"has the ball's colour on {fill:.0%} of it, limit {min_fill:.0%}": -FILLED * math.log(filled)
+        if fill >= min_fill
         else math.inf,
         f"goes on in its colour beyond {goes_on:.0%} of its limb": -GOES_ON * goes_on,
     }

@@ -152,7 +152,7 @@ def _has_colour(scene: BallScene, circle: ImageCircle) -> bool:
     if inside is None or scene.colour is None:
         return inside is not None
     few = thin_out(inside.of(scene.image), max(1, int(circle.radius_px / FEW_CELLS)))
-    return cv2.countNonZero(scene.colour.mask(few)) > 0
+    return cv2.countNonZero(scene.colour.in_other_light.mask(few)) > 0
 
 
 def search_at(scene: BallScene, start: ImageCircle, reach_px: float) -> FoundBall | None:
