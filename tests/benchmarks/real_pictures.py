@@ -12,8 +12,6 @@ from pathlib import Path
 import ball_video
 import numpy as np
 import ours
-import real_boards
-import real_tags
 from part import Part, table
 
 from stadimeter.core.camera_model import CameraModel
@@ -184,9 +182,9 @@ def run(folder: Path = PICTURES) -> Part:
         _sheet(folder / "seed_sheet"),
         _tennis(folder / "tennis_ball"),
         ball_video.ball_video(folder / "ball_video"),
-        real_boards.chessboards(folder / "chessboard"),
-        real_tags.visp(folder / "tags" / "visp"),
-        real_tags.duckietown(folder / "tags" / "duckietown"),
+        chessboards(folder / "chessboard"),
+        visp(folder / "tags" / "visp"),
+        duckietown(folder / "tags" / "duckietown"),
     ]
     text = "".join(f"### {part.title}\n\n{part.text}\n" for part in parts)
     facts = {name: value for part in parts for name, value in part.facts.items()}
