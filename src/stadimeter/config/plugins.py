@@ -51,6 +51,13 @@ class OptionsTable(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
 
+# Bases that once had tables of their own in the configuration.
+_BASES_IN_TABLES = (
+    "ascii", "gpio-motors", "hoverboard", "pan-servo", "pca9685", "roboclaw", "roomba", "ros-arduino-bridge",
+    "ros2-rosbridge", "ros2-zenoh", "sabertooth", "simulated", "waveshare-ugv",
+)  # fmt: skip
+
+
 class DriverOptions(OptionsTable):
     """A driver as its entry point names it: the options of its table in the configuration, which build the driver.
 
@@ -73,7 +80,10 @@ class DriverOptions(OptionsTable):
             for a 3.3 V signal.
     """
 
-    written_elsewhere: ClassVar[dict[str, str]] = {"max_closing_speed": "leave it out: `check` asks for no speeds"}
+    written_elsewhere: ClassVar[dict[str, str]] = {
+        "max_closing_speed": "leave it out: `check` asks for no speeds",
+        **dict.fromkeys(_BASES_IN_TABLES, "write its keys in [base] itself, beside driver"),
+    }
     """Keys that no driver has any more, and what to do instead."""
 
     needs_world: ClassVar[bool] = False

@@ -21,7 +21,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaMode, JsonSchemaV
 from pydantic_core import core_schema
 
 from stadimeter.config import camera_file, models, plugins
-from stadimeter.config.driver_tables import BASE, CAMERA, DRIVER_KINDS, DriverKind
+from stadimeter.config.driver_tables import CAMERA, DRIVER_KINDS, DriverKind
 from stadimeter.config.landmark_tables import LandmarksTable
 from stadimeter.config.optional_tables import OPTIONAL_TABLES
 from stadimeter.config.rule_test_tables import RuleTestTable
@@ -124,8 +124,6 @@ def _driver_table(
     references = {}
     for name, options in drivers.items():
         definitions[f"{section}.{name}"] = _one_driver(kind, name, options, by_model, definitions)
-        if kind is BASE:
-            _add_ready_tables(definitions[f"{section}.{name}"], name, drivers, by_model, definitions)
         references[name] = {"$ref": f"#/$defs/{section}.{name}"}
     needed = [] if kind.default else [kind.key]
     return {
@@ -175,21 +173,6 @@ def _one_driver(
         **{key: own[key] for key in ("anyOf",) if key in own},
         "additionalProperties": options is None,
     }
-
-
-def _add_ready_tables(
-    schema: JsonSchema,
-    name: str,
-    drivers: Mapping[str, type[BaseModel] | None],
-    by_model: dict[type[BaseModel], JsonSchema],
-    definitions: dict[str, JsonSchema],
-) -> None:
-    """Let a base's table hold one table for each driver; what its own driver needs may stand in that driver's table."""
-    own = drivers[name]
-    needed = _resolved(by_model[own], definitions).get("required", []) if own else []
-    schema["required"] = [key for key in schema["required"] if key not in needed]
-    schema["anyOf"] = [{"required": needed}, {"required": [name]}]
-    schema["properties"] |= {each: by_model[model] for each, model in drivers.items() if model is not None}
 
 
 def _camera_model(model: JsonSchema, by_model: dict[type[BaseModel], JsonSchema]) -> JsonSchema:
