@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import pytest
@@ -10,17 +9,13 @@ import pytest
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import BASES, driver_names
 from stadimeter.errors import ConfigError
-
-FOLLOW_BALL = (Path(__file__).parents[2] / "config" / "follow-ball.toml").read_text(encoding="utf-8")
-USED = re.search(r'^driver = "gpio-motors"\n(?:.+\n)+', FOLLOW_BALL, re.MULTILINE)
-READY = dict(re.findall(r'^(?=#driver = "([\w-]+)")((?:#\w.*\n)+)', FOLLOW_BALL, re.MULTILINE))
+from support.ready_bases import FOLLOW_BALL, READY, follow_ball
 
 
 @pytest.mark.parametrize("driver", READY)
 def test_a_base_that_is_ready_takes_the_place_of_the_one_that_is_used(tmp_path: Path, driver: str) -> None:
-    assert USED is not None
     path = tmp_path / "follow.toml"
-    path.write_text(FOLLOW_BALL.replace(USED[0], re.sub("^#", "", READY[driver], flags=re.MULTILINE)), encoding="utf-8")
+    path.write_text(follow_ball(driver), encoding="utf-8")
     base = load_configuration(path).base
     assert base is not None
     assert base.driver == driver
@@ -29,7 +24,7 @@ def test_a_base_that_is_ready_takes_the_place_of_the_one_that_is_used(tmp_path: 
 def test_the_example_has_every_base_ready_that_is_one_board() -> None:
     """A protocol of one's own has no usual lines, a bridge to ROS is another program's, and a servo drives nowhere."""
     others = {"simulated", "ascii", "pan-servo", *(name for name in driver_names(BASES) if name.startswith("ros2"))}
-    assert {*READY, "gpio-motors"} == set(driver_names(BASES)) - others
+    assert set(READY) == set(driver_names(BASES)) - others
 
 
 def test_a_table_for_each_of_several_bases_is_refused_with_what_to_write(tmp_path: Path) -> None:

@@ -76,13 +76,13 @@ def test_noise_is_that_of_the_camera_none_or_a_factor(load: Load, sound: str) ->
 def test_what_people_do_and_the_time_of_day_are_read(load: Load, sound: str) -> None:
     text = given(
         'hover = { at = "1 m", for = "20 s" }, clock = "22:30", day = "sun", operator = ['
-        '{ at = "3 s", acknowledge = "near", by = "anna" }, { at = "5 s", take_out = "near" }]'
+        '{ at = "3 s", do = "acknowledge", rule = "near" }, { at = "5 s", do = "take-out", rule = "near" }]'
     )
     (test,) = load(sound + text).tests
     assert test.input.clock == 22.5 * 3600
-    assert [order.orders() for order in test.input.operator] == [
-        ((OperatorAction.ACKNOWLEDGE, "near"),),
-        ((OperatorAction.TAKE_OUT, "near"),),
+    assert [(order.do, order.rule) for order in test.input.operator] == [
+        (OperatorAction.ACKNOWLEDGE, "near"),
+        (OperatorAction.TAKE_OUT, "near"),
     ]
 
 
@@ -151,8 +151,9 @@ WRONG_INPUTS = [
     (f'journal = "run.jsonl", {HOVERS}', ": a recording has its own 'hover': take it out, or the journal"),
     (f'{HOVERS}, noise = "a bit"', ".noise: 'a bit' is neither 'model' nor 'none', nor a factor from 0 to 100"),
     (f"{HOVERS}, dropouts = 1.0", ".dropouts: 1.0 is not below 1"),
-    (f'{HOVERS}, operator = [{{ at = "1 s", reset = "nar" }}]', ".operator.0.reset: there is no rule 'nar'"),
-    (f'{HOVERS}, operator = [{{ at = "1 s" }}]', ".operator.0: an entry says one thing that is done"),
+    (f'{HOVERS}, operator = [{{ at = "1 s", do = "reset", rule = "nar" }}]',
+     ".operator.0.rule: there is no rule 'nar'"),
+    (f'{HOVERS}, operator = [{{ at = "1 s" }}]', ".operator.0.do: 'do' is missing"),
 ]  # fmt: skip
 IN_A_RECORDING = 'input = { journal = "run.jsonl" }\nexpect.near = { raised_within = "1 s" }\n'
 WRONG = [

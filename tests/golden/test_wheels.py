@@ -14,9 +14,8 @@ from scenario.prove.trial import run_trial
 from scenario.prove.watch import MotionWatch
 from stadimeter.config.loader import load_configuration
 from support.golden import Golden
+from support.ready_bases import follow_ball
 
-CONFIG = Path(__file__).parents[2] / "config"
-FOLLOW_BALL = (CONFIG / "follow-ball.toml").read_text(encoding="utf-8").split("[[tests]]")[0]
 BASES = (
     "gpio-motors", "pca9685", "ros-arduino-bridge", "waveshare-ugv", "roboclaw", "hoverboard", "roomba", "sabertooth",
 )  # fmt: skip
@@ -48,7 +47,7 @@ def test_wheels_of_every_base_turn_as_they_did(base: str, golden: Golden, monkey
 def _compare(name: str, base: str, faults: tuple[str, ...], golden: Golden, monkeypatch: pytest.MonkeyPatch) -> None:
     """Compare what each fault, and none, does to the wheels of a base; all that it can suffer where none are named."""
     robot = Path("robot.toml")
-    robot.write_text(FOLLOW_BALL.replace('driver = "gpio-motors"', f'driver = "{base}"'), encoding="utf-8")
+    robot.write_text(follow_ball(base), encoding="utf-8")
     staged = stage(load_configuration(robot))
     turned: list[tuple[float, tuple[float, float]]] = []
     see = MotionWatch.see

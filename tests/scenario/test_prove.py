@@ -22,9 +22,9 @@ from stadimeter.core import decide, outputs, safety
 from stadimeter.core.plan import Tracking
 from stadimeter.core.rules import follow
 from stadimeter.errors import ConfigError, StadimeterError
+from support.ready_bases import FOLLOW_BALL, follow_ball
 
 CONFIG = Path(__file__).parents[2] / "config"
-FOLLOW_BALL = (CONFIG / "follow-ball.toml").read_text(encoding="utf-8").split("[[tests]]")[0]
 ROBOT = Path("robot.toml")
 SENSOR = '\n[sensors.front]\ndriver = "tf-luna"\nport = "/dev/serial0"\nstop_below = "20 cm"\n'
 
@@ -39,7 +39,7 @@ def in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 def write_robot(base: str, change: Callable[[str], str] = lambda text: text) -> None:
     """Write the ball follower with another of the bases in its file, or with another change."""
-    ROBOT.write_text(change(FOLLOW_BALL.replace('driver = "gpio-motors"', f'driver = "{base}"')), encoding="utf-8")
+    ROBOT.write_text(change(follow_ball(base)), encoding="utf-8")
 
 
 def proven(faults: int, *only: str) -> Proof:

@@ -33,6 +33,7 @@ from support.captured_computers import (
     library,
     only,
 )
+from support.ready_bases import follow_ball
 
 CONFIG = Path(__file__).parents[2] / "config"
 FINE, WARNING, WRONG, UNKNOWN = DiagnosisSeverity
@@ -480,8 +481,7 @@ class TestPins:
 
 def a_base(folder: Path, port: str) -> Path:
     config = folder / "base.toml"
-    lines = (CONFIG / "follow-ball.toml").read_text()
-    lines = lines.replace('driver = "gpio-motors"', 'driver = "ros-arduino-bridge"')
+    lines = follow_ball("ros-arduino-bridge")
     config.write_text(re.sub(r'^port = "/dev/ttyUSB0"', f'port = "{port}"', lines, flags=re.MULTILINE))
     return config
 

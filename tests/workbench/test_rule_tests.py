@@ -228,7 +228,7 @@ def test_what_people_do_at_certain_times_is_done(load: Load) -> None:
     rules = RULES.replace('when = { below = "50 cm" }', 'when = { below = "50 cm" }\nlatch = true\nack = "required"')
     far = '{ at = "2 s", distance = "2 m" }, { at = "9 s", distance = "2 m" }'
     leaving = f'points = [{{ at = "0 s", distance = "30 cm" }}, {far}]'
-    orders = '{ at = "5 s", acknowledge = "near", by = "anna" }, { at = "6 s", reset = "near" }'
+    orders = '{ at = "5 s", do = "acknowledge", rule = "near" }, { at = "6 s", do = "reset", rule = "near" }'
     tests = (
         f"[[tests]]\ninput = {{ {leaving} }}\n"
         'expect.near = { cleared = 0, status = "latched", acknowledged = false }\nexpect.buzzer = { acts_at = "9 s" }\n'
@@ -251,7 +251,7 @@ def test_what_an_alarm_sends_is_counted_and_nothing_is_sent(load: Load) -> None:
         )
         .replace('when = { below = "50 cm" }', 'when = { below = "50 cm" }\nack = "required"')
     )
-    seen = 'operator = [{ at = "1.5 s", acknowledge = "near" }]'
+    seen = 'operator = [{ at = "1.5 s", do = "acknowledge", rule = "near" }]'
     tests = (
         f"[[tests]]\n{hovering('30 cm', '4 s', 'near = { sent = 2 }')}\n"
         f"[[tests]]\n{hovering('30 cm', '4 s', 'near = { sent = 1 }', f', {seen}')}\n"

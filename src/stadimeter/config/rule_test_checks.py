@@ -69,8 +69,7 @@ def _input(draft: Draft, at: KeyPath, given: InputTable) -> Iterator[Finding]:
     named = [((*at, "targets", name), "target", name, measured) for name in given.targets or ()]
     named += [((*at, "target"), "target", given.target, measured)] if given.target is not None else []
     for index, table in enumerate(given.operator):
-        for action, rule in table.orders() if not table.orders()[0][0].is_on_outputs else ():
-            named.append(((*at, "operator", index, action.replace("-", "_")), "rule", rule, rules))
+        named += [((*at, "operator", index, "rule"), "rule", table.rule, rules)] if table.rule else []
         if table.at > given.moving_s > 0:
             yield _too_late((*at, "operator", index, "at"), table.at, given.moving_s)
     for path, kind, name, known in named:

@@ -2,13 +2,13 @@
 
 import datetime as dt
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from msgspec import Struct
 from msgspec.structs import replace
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from stadimeter.config.models import DurationAboveZero, Section, Share
+from stadimeter.config.models import ButtonAction, DurationAboveZero, Section, Share
 from stadimeter.config.units import Angle, Duration, FilePath, Frequency, Length, Speed, TimeOfDay
 from stadimeter.core.decision import RuleStatus
 from stadimeter.operator_actions import OperatorAction
@@ -335,49 +335,27 @@ class MotionTable(Section):
 
 
 class OperatorTable(Section):
-    """An operator command at some time: exactly one of the keys that name an action, with the rule's name or true."""
+    """An operator command at some time."""
+
+    written_elsewhere: ClassVar[dict[str, str]] = {
+        **{action.replace("-", "_"): f'write do = "{action}", rule = "NAME"' for action in OperatorAction},
+        **dict.fromkeys(("by", "why", "one_shot"), "leave it out: it changes no test"),
+    }
 
     at: Duration
     """In seconds from the start of the test."""
-    acknowledge: str | None = None
-    """Acknowledge this rule."""
-    reset: str | None = None
-    """Reset it."""
-    shelve: str | None = None
-    """Keep it quiet."""
-    unshelve: str | None = None
-    """Let it speak again."""
-    take_out: str | None = None
-    """Take it out of service."""
-    put_back: str | None = None
-    """Put it back into service."""
-    stop_outputs: Literal[True] | None = None
-    """Put every output at its safe value, until they are released."""
-    release_outputs: Literal[True] | None = None
-    """Let them act again."""
-    arm: Literal[True] | None = None
-    """Arm the run: its outputs may act."""
-    disarm: Literal[True] | None = None
-    """Put every output at its safe value, until the run is armed."""
+    do: ButtonAction
+    """What is done, as in the section of a button."""
+    rule: str = ""
+    """To which rule; empty for what concerns every output."""
     duration: Annotated[DurationAboveZero | None, Field(alias="for")] = None
     """How long to shelve it, written ``for``, in seconds; None for as long as the rule allows."""
-    one_shot: bool = False
-    """Shelve it until it has returned to normal, or the time is over."""
-    by: str = "test"
-    """Who does it."""
-    why: str = ""
-    """Why."""
 
     @model_validator(mode="after")
-    def _one_order(self) -> Self:
-        if len(self.orders()) != 1:
-            raise ValueError('an entry says one thing that is done, such as { at = "3 s", acknowledge = "near" }')
+    def _names_a_rule(self) -> Self:
+        if OperatorAction(self.do).is_on_outputs is bool(self.rule):
+            raise ValueError('what is done is to a rule or to every output, such as { do = "reset", rule = "near" }')
         return self
-
-    def orders(self) -> tuple[tuple[OperatorAction, str], ...]:
-        """List what is to be done to which rule, empty for none."""
-        named = ((action, getattr(self, action.replace("-", "_"), None)) for action in OperatorAction)
-        return tuple((action, "" if rule is True else rule) for action, rule in named if rule is not None)
 
 
 class InputTable(MotionTable):

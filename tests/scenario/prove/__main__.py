@@ -15,10 +15,10 @@ from pathlib import Path
 
 from scenario.prove.proof import Proof, prove
 from scenario.prove.watch import BEYOND
+from support.ready_bases import FOLLOW_BALL, READY, follow_ball
 
 ROOT = Path(__file__).parents[3]
 PAGE = ROOT / "docs" / "safety.md"
-FOLLOW_BALL = ROOT / "config" / "follow-ball.toml"
 ON_SERVOS = "pan-servo with a tilt"
 ROBOTS = ROOT / "docs" / "robots.md"
 MARKED = re.compile(r"(<!-- proof -->\n).*?(<!-- end of proof -->\n)", re.DOTALL)
@@ -39,13 +39,11 @@ COUNTER_EXAMPLE = Path("counter-example.jsonl")
 
 def configurations() -> dict[str, str]:
     """Return a configuration for each base of the ball follower, and that of a camera on servos, by their names."""
-    text = FOLLOW_BALL.read_text(encoding="utf-8").split("[[tests]]")[0]
     (on_servos,) = re.findall(
         r"### Up and down, too\n.*?```toml\n(.*?)```", ROBOTS.read_text(encoding="utf-8"), re.DOTALL
     )
-    bases = re.findall(r"^\[base\.(.+)\]$", text, re.MULTILINE)
-    follow = {base: text.replace('driver = "gpio-motors"', f'driver = "{base}"') for base in bases}
-    return follow | {ON_SERVOS: text[text.index("[camera]") : text.index("[base]")] + on_servos}
+    head = FOLLOW_BALL[FOLLOW_BALL.index("[camera]") : FOLLOW_BALL.index("[base]")]
+    return {base: follow_ball(base) for base in READY} | {ON_SERVOS: head + on_servos}
 
 
 def row(name: str, proof: Proof) -> str:

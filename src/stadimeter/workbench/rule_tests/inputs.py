@@ -31,7 +31,7 @@ from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.stereo_rig import StereoRig
 from stadimeter.errors import ConfigError, JournalError, Problem, StadimeterError
-from stadimeter.operator_actions import OperatorCommand
+from stadimeter.operator_actions import OperatorAction, OperatorCommand
 from stadimeter.ranging.similar_triangles import expect
 from stadimeter.ranging.stereo import straight_ahead_share
 from stadimeter.workbench.replay.replay import read_recording
@@ -132,16 +132,9 @@ def _wall(given: InputTable, at_s: float, configuration: Configuration) -> WallT
 
 
 def _command(order: OperatorTable, identity: str) -> OperatorCommand:
-    ((action, rule),) = order.orders()
+    action = OperatorAction(order.do)
     return OperatorCommand(
-        id=identity,
-        action=action,
-        rule=rule,
-        by=order.by,
-        why=order.why,
-        for_s=order.duration,
-        one_shot=order.one_shot,
-        is_from_button=True,
+        id=identity, action=action, rule=order.rule, by="test", for_s=order.duration, is_from_button=True
     )
 
 
