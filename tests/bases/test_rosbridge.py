@@ -231,7 +231,6 @@ def test_a_port_where_something_else_listens_is_no_rosbridge() -> None:
         {"port": "/dev/ttyUSB0"},
         {"pose_topic": "no topic"},
         {"topic": "/größe"},
-        {"pose_bearing_sigma": "0 deg"},
     ],
 )
 def test_a_table_that_cannot_be_meant_is_refused(table: dict[str, str]) -> None:

@@ -31,7 +31,6 @@ driver = "simulated"
 combine = "max"
 [base]
 driver = "simulated"
-combine = "most_restrictive"
 [messenger]
 driver = "simulated"
 [notifiers.phone]

@@ -94,7 +94,7 @@ def test_a_misspelt_key_is_told_in_whatever_table_it_stands(schema: dict[str, An
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ('[actuators.b]\ndriver = "buzzer"\npin = 3\nkick = "1 s"', "'kick' was unexpected"),
+        ('[actuators.b]\ndriver = "buzzer"\npin = 3\nminimum_duty = 0.5', "'minimum_duty' was unexpected"),
         ('[actuators.b]\ndriver = "buzer"', "'buzer' is not one of"),
         ('[actuators."a b"]\ndriver = "simulated"', "'a b' does not match"),
         ('[rules.near]\nwhen = { below = "1 furlong" }', "'1 furlong' does not match"),

@@ -36,7 +36,7 @@ def gpiozero_rig(driver: str, options: dict[str, object]) -> ActuatorRig:
     ("driver", "options"),
     [
         ("vibration-motor", {}),
-        ("vibration-motor", {"active_high": False, "minimum_duty": 1.0, "kick": "0 s", "frequency": "1 kHz"}),
+        ("vibration-motor", {"active_high": False, "minimum_duty": 1.0, "frequency": "1 kHz"}),
         ("buzzer", {}),
         ("buzzer", {"steady": True, "active_high": False}),
         ("led", {}),

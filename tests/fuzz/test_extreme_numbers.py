@@ -39,7 +39,6 @@ acceleration = "0.5 m/s2"
 coast = "0.3 s"
 acceleration = "2 m/s2"
 noise_factor = 1.0
-gate_sigmas = 4.0
 autocorrelation = 0.3
 [safety]
 max_frame_age = "200 ms"

@@ -48,8 +48,6 @@ def test_the_port_follows_tls_unless_it_is_given():
         ({"base_topic": "/home"}, "not a base topic"),
         ({"base_topic": "$SYS/home"}, "not a base topic"),
         ({"base_topic": ""}, "not a base topic"),
-        ({"keepalive": 15}, "no unit"),
-        ({"keepalive": "200 ms"}, "not a keepalive"),
         ({"protocol": "3.1"}, "3.1.1"),
         ({"password_file": "secret.txt"}, "without a username"),
         ({"ca_file": "ca.pem"}, "without tls"),

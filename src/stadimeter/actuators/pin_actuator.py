@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from pydantic import Field, model_validator
 
 from stadimeter.config.plugins import DriverContext
-from stadimeter.config.units import Duration, Frequency
+from stadimeter.config.units import Frequency
 from stadimeter.core.command import LevelCommand
 from stadimeter.gpio.output_pin import FULL_PERCENT, MIN_PULSES_HZ, OutputPin, PinOptions
 
@@ -76,8 +76,6 @@ class LedOptions(OutputPinOptions):
     verb: ClassVar = "lights"
     circuit: ClassVar = "led"
 
-    on_at: float = Field(default=0.5, gt=0.0, le=1.0)
-    """The level from which it is on."""
     dimmed: bool = False
     """Whether it is as bright as the level says, instead of on or off."""
     frequency: Frequency = Field(default=100.0, ge=MIN_PULSES_HZ, le=10_000.0)
@@ -85,16 +83,15 @@ class LedOptions(OutputPinOptions):
 
     @model_validator(mode="after")
     def _one_way_only(self) -> Self:
-        needless = {"on_at"} if self.dimmed else {"frequency"}
-        for key in sorted(needless & self.model_fields_set):
-            raise ValueError(f"{key} has no meaning with dimmed = {str(self.dimmed).lower()}; leave one of them out")
+        if not self.dimmed and "frequency" in self.model_fields_set:
+            raise ValueError("frequency has no meaning with dimmed = false; leave it out")
         return self
 
     def build(self, context: DriverContext) -> GpiozeroSwitch:
         """Return the lamp."""
         frequency_hz = self.frequency if self.dimmed else None
         pin = OutputPin(context, self.pin, active_high=self.active_high, frequency_hz=frequency_hz)
-        return GpiozeroSwitch(pin, context, None if self.dimmed else self.on_at)
+        return GpiozeroSwitch(pin, context, is_dimmed=self.dimmed)
 
 
 class RelayOptions(OutputPinOptions):
@@ -103,15 +100,13 @@ class RelayOptions(OutputPinOptions):
     verb: ClassVar = "switches on"
     circuit: ClassVar = "relay"
 
-    on_at: float = Field(default=0.5, gt=0.0, le=1.0)
-    """The level from which it is on."""
     active_high: bool = False
     """Whether a high pin means on. Most relay boards switch on when their input is pulled low, so it is not unless you
     say so. Try it without a load first: with the wrong value the relay is on while all is quiet."""
 
     def build(self, context: DriverContext) -> GpiozeroSwitch:
         """Return the relay."""
-        return GpiozeroSwitch(OutputPin(context, self.pin, active_high=self.active_high), context, self.on_at)
+        return GpiozeroSwitch(OutputPin(context, self.pin, active_high=self.active_high), context)
 
 
 class GpiozeroSwitch(PinActuator):
@@ -120,17 +115,17 @@ class GpiozeroSwitch(PinActuator):
     It has no deadband of its own: rules that switch have theirs, and delays too.
 
     Args:
-        on_at: The level from which it is on; None for one that is dimmed.
+        is_dimmed: Whether it is as bright as the level says. Else it is on from half the level.
     """
 
-    def __init__(self, pin: OutputPin, context: DriverContext, on_at: float | None) -> None:
+    def __init__(self, pin: OutputPin, context: DriverContext, *, is_dimmed: bool = False) -> None:
         super().__init__(pin, context)
-        self._on_at = on_at
+        self._is_dimmed = is_dimmed
         self._share = 0.0
 
     def _take_level(self, level: float, now_s: float) -> float:  # noqa: ARG002 - a switch has no pattern
         percent = math.floor(level * FULL_PERCENT + 0.5)
-        self._share = percent / FULL_PERCENT if self._on_at is None else float(level >= self._on_at)
+        self._share = percent / FULL_PERCENT if self._is_dimmed else float(level >= 0.5)
         return self._share
 
     def _percent(self, now_s: float) -> int:  # noqa: ARG002
@@ -185,29 +180,19 @@ class BeepPattern:
         return due_s if now_s - due_s < self._beep_s / 2 else now_s
 
 
+# From one beep to the next at the lowest level above 0, and just below the full one; and how long a beep is: less than
+# two ticks might fall between them.
+SLOWEST_S, FASTEST_S, BEEP_S = 1.0, 0.1, 0.05
+
+
 class BuzzerOptions(OutputPinOptions):
     """The table of a buzzer in the configuration."""
 
     verb: ClassVar = "buzzes"
     circuit: ClassVar = "buzzer"
 
-    slowest: Duration = Field(default=1.0, le=60.0)
-    """From one beep to the next at the lowest level above 0."""
-    fastest: Duration = 0.1
-    """From one beep to the next just below the full level."""
-    beep: Duration = Field(default=0.05, ge=0.04)  # two ticks: less might fall between them
-    """How long a beep is."""
     steady: bool = False
     """Sound without a break at any level above 0."""
-
-    @model_validator(mode="after")
-    def _beeps_have_gaps(self) -> Self:
-        if not self.beep + 0.04 <= self.fastest <= self.slowest:
-            raise ValueError(
-                f"beep ({self.beep:g} s) must be at least 40 ms shorter than fastest ({self.fastest:g} s), and fastest "
-                f"no longer than slowest ({self.slowest:g} s), or the beeps run together"
-            )
-        return self
 
     def build(self, context: DriverContext) -> GpiozeroBuzzer:
         """Return the buzzer."""
@@ -222,7 +207,7 @@ class GpiozeroBuzzer(PinActuator):
 
     def __init__(self, options: BuzzerOptions, context: DriverContext) -> None:
         super().__init__(OutputPin(context, options.pin, active_high=options.active_high), context)
-        self._pattern = BeepPattern(slowest_s=options.slowest, fastest_s=options.fastest, beep_s=options.beep)
+        self._pattern = BeepPattern(slowest_s=SLOWEST_S, fastest_s=FASTEST_S, beep_s=BEEP_S)
         self._steady = options.steady
         self._level = 0.0
 
@@ -249,12 +234,14 @@ class VibrationMotorOptions(OutputPinOptions):
     the end of a pulse: 50 ms at 20 Hz."""
     minimum_duty: float = Field(default=0.4, gt=0.0, le=1.0)
     """The motor's weakest duty. Eccentric motors do not turn below 40 to 50 percent."""
-    kick: Duration = Field(default=0.08, le=1.0)
-    """For how long a motor that stands still gets full power, to break loose."""
 
     def build(self, context: DriverContext) -> GpiozeroVibrationMotor:
         """Return the motor."""
         return GpiozeroVibrationMotor(self, context)
+
+
+# For how long a motor that stands still gets full power, to break loose.
+KICK_S = 0.08
 
 
 class DutySteps:
@@ -287,14 +274,13 @@ class GpiozeroVibrationMotor(PinActuator):
         pin = OutputPin(context, options.pin, active_high=options.active_high, frequency_hz=options.frequency)
         super().__init__(pin, context)
         self._steps = DutySteps(options.minimum_duty)
-        self._kick_s = options.kick
         self._kick_ends_s = -math.inf
         self._duty_percent = 0
 
     def _take_level(self, level: float, now_s: float) -> float:
         before, self._duty_percent = self._duty_percent, self._steps.percent(level)
         if before == 0:
-            self._kick_ends_s = now_s + self._kick_s
+            self._kick_ends_s = now_s + KICK_S
         return self._steps.level(self._duty_percent)
 
     def _percent(self, now_s: float) -> int:

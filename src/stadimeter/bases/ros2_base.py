@@ -17,7 +17,7 @@ from stadimeter.bases.differential_drive import Motion
 from stadimeter.bases.protocol import Unacknowledged
 from stadimeter.config.extras import missing
 from stadimeter.config.plugins import DriverContext, DriverOptions
-from stadimeter.config.units import Angle, Duration, Speed, TurnRate
+from stadimeter.config.units import Duration, Speed, TurnRate
 from stadimeter.core.command import BaseReport, TwistCommand
 from stadimeter.core.measurement import Track
 from stadimeter.errors import DeviceClosedError
@@ -43,6 +43,9 @@ _CDR_HEAD = b"\x00\x01\x00\x00"
 
 # Variance of an orientation of which nothing is known: that of angles spread evenly over a turn.
 _ANY_ANGLE_RAD2 = math.pi**2 / 3
+
+# Standard deviation of the direction of a target. Nothing measures it: it is how well the camera is mounted.
+BEARING_SIGMA_RAD = math.radians(0.5)
 
 
 class TargetPose(Struct, frozen=True, kw_only=True):
@@ -231,8 +234,6 @@ class Ros2BaseOptions(DriverOptions):
     """The one target that is published; empty for each."""
     pose_frame_id: str = "camera_link"
     """The frame of reference of the camera: ahead, to the left, upwards (REP 103)."""
-    pose_bearing_sigma: Annotated[Angle, Field(gt=0)] = math.radians(0.5)
-    """Standard deviation of the direction of a target. Nothing measures it: it is how well the camera is mounted."""
     battery_topic: TopicName | None = None
     """Where the robot publishes its ``BatteryState``; None for nowhere."""
     max_linear: Speed = 0.5
@@ -300,7 +301,7 @@ class Ros2Base:
         if self._options.pose_topic is None or self._options.pose_target not in ("", track.target):
             return
         age_s = self._context.clock.now_s() - (track.as_of_s or 0.0)
-        if pose := target_pose(track, time.time() - age_s, self._options.pose_bearing_sigma):
+        if pose := target_pose(track, time.time() - age_s, BEARING_SIGMA_RAD):
             self._opened().show(pose)
 
     def tick(self, now_s: float) -> None:

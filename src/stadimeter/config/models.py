@@ -207,8 +207,6 @@ class BaseTable(Section):
     """In m/s³; 0 for no limit. The rate of turn has as long to reach its acceleration."""
     lease: DurationAboveZero = LEASE_S
     """In seconds."""
-    combine: Literal["most_restrictive"] = _BASE.combine
-    """What counts of several rules that ask for it with one priority: the slower of each speed."""
     after_fault: AfterFault = "reopen"
     """What becomes of it when its driver failed: opened again, or off for the rest of the run."""
 
@@ -313,24 +311,21 @@ class WebTable(Section):
 class TrackingTable(Section):
     """The way targets are tracked; see `stadimeter.core.plan.Tracking`."""
 
-    written_elsewhere: ClassVar[dict[str, str]] = {"correlation": "it is called autocorrelation"}
+    written_elsewhere: ClassVar[dict[str, str]] = {
+        "correlation": "it is called autocorrelation",
+        **dict.fromkeys(("gate_sigmas", "outliers_max", "noise_factor_max"), "leave it out: it is fixed"),
+    }
 
     acceleration_mps2: Acceleration = Field(default=_TRACKING.acceleration_mps2, alias="acceleration")
     """In m/s²."""
     autocorrelation: Annotated[float, Field(ge=0, lt=1)] = _TRACKING.autocorrelation
     """Of the measurement noise from one frame to the next."""
-    gate_sigmas: Annotated[float, Field(gt=0)] = _TRACKING.gate_sigmas
-    """A measurement further than this from the prediction is an outlier."""
-    outliers_max: Annotated[int, Field(ge=1)] = _TRACKING.outliers_max
-    """After this many in a row the track starts anew."""
     confirm_frames: Annotated[int, Field(ge=1)] = _TRACKING.confirm_frames
     """How many frames a new target must be measured in."""
     coast_s: Duration = Field(default=_TRACKING.coast_s, alias="coast")
     """In seconds."""
     noise_factor: Annotated[float, Field(gt=0)] = _TRACKING.noise_factor
     """How many times larger than stated the noise of measurements is."""
-    noise_factor_max: Annotated[float, Field(ge=1)] = _TRACKING.noise_factor_max
-    """How many times larger than that a target's noise may be found to be."""
 
     def to_plan(self) -> plan.Tracking:
         """Return the section as the core sees it."""

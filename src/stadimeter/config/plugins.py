@@ -57,6 +57,9 @@ _BASES_IN_TABLES = (
     "ros2-rosbridge", "ros2-zenoh", "sabertooth", "simulated", "waveshare-ugv",
 )  # fmt: skip
 
+# Options that once could be tuned.
+_FIXED = ("keepalive", "slowest", "fastest", "beep", "kick", "on_at", "pose_bearing_sigma", "queue")
+
 
 class DriverOptions(OptionsTable):
     """A driver as its entry point names it: the options of its table in the configuration, which build the driver.
@@ -82,6 +85,9 @@ class DriverOptions(OptionsTable):
 
     written_elsewhere: ClassVar[dict[str, str]] = {
         "max_closing_speed": "leave it out: `check` asks for no speeds",
+        **dict.fromkeys(_FIXED, "leave it out: it is fixed"),
+        "combine": "leave it out: of rules of one priority the slower of each speed counts",
+        "birth_topic": "leave it out: it is status below discovery_prefix",
         **dict.fromkeys(_BASES_IN_TABLES, "write its keys in [base] itself, beside driver"),
     }
     """Keys that no driver has any more, and what to do instead."""

@@ -103,8 +103,9 @@ class RetainedTopics:
         self._are_states_due, self._was_connected = self._was_connected, True
         self._is_to_begin = True
         if self._options.discovery_place is not None and not events.oversized_packets:
-            events.handlers[self._options.birth_topic] = self._on_birth
-            client.subscribe(self._options.birth_topic, qos=0)
+            birth_topic = f"{self._options.discovery_prefix}/status"  # there Home Assistant says that it begins
+            events.handlers[birth_topic] = self._on_birth
+            client.subscribe(birth_topic, qos=0)
 
     def end(self) -> None:
         """Forget what was read over a connection that is no more."""

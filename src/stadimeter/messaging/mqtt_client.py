@@ -29,7 +29,7 @@ from stadimeter.config.files import (
     read_untrusted_text,
 )
 from stadimeter.config.plugins import DriverOptions
-from stadimeter.config.units import Duration, FilePath
+from stadimeter.config.units import FilePath
 from stadimeter.core.home_assistant import DiscoveryPlace
 from stadimeter.core.message import AVAILABILITY, RETAINED, Message
 from stadimeter.errors import DeviceOpenError, UnreadableError
@@ -79,14 +79,12 @@ def _check_base_topic(topic: str | None) -> str | None:
 
 def _check_topic(topic: str) -> str:
     if not _is_topic(topic):
-        raise ValueError(f"{topic!r} is not a topic; write it as in Home Assistant, such as 'homeassistant/status'")
+        raise ValueError(f"{topic!r} is not a topic; write it as in Home Assistant, such as 'homeassistant'")
     return topic
 
 
-def _check_keepalive(seconds: float) -> float:
-    if not 1 <= seconds <= 65_535:
-        raise ValueError(f"{seconds:g} s is not a keepalive; choose from 1 s to 65535 s, such as '15 s'")
-    return seconds
+# After this time without a word the link is probed, and given up if nothing answers for as long again.
+KEEPALIVE_S = 10
 
 
 class MqttSettings(DriverOptions):
@@ -112,8 +110,6 @@ class MqttSettings(DriverOptions):
     """Our own certificate, for a broker that asks for one in place of a password."""
     key_file: FilePath | None = None
     """The key that belongs to it, without a passphrase."""
-    keepalive: Annotated[Duration, AfterValidator(_check_keepalive)] = 10.0
-    """After this time without a word the link is probed, and given up if nothing answers for as long again."""
     protocol: Literal["auto", "5", "3.1.1"] = "auto"
     """The version of MQTT. ``auto`` is 5, and 3.1.1 if the broker does not speak 5."""
     commands: CommandLevel = "alarms"
@@ -122,8 +118,6 @@ class MqttSettings(DriverOptions):
     """Whether Home Assistant discovers this node by itself."""
     discovery_prefix: Annotated[str, AfterValidator(_check_topic)] = "homeassistant"
     """What Home Assistant listens to for discovery."""
-    birth_topic: Annotated[str, AfterValidator(_check_topic)] = "homeassistant/status"
-    """Where Home Assistant says ``online`` when it starts."""
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
@@ -338,7 +332,7 @@ def _set_session(client: Client, options: MqttSettings, packet_max: int, *, is_v
     client.connect_async(
         options.host,
         options.broker_port,
-        keepalive=round(options.keepalive),
+        keepalive=KEEPALIVE_S,
         clean_start=False,
         properties=session,
     )

@@ -18,13 +18,15 @@ from stadimeter.simulation.world import shared_world
 ItemT = TypeVar("ItemT", Message, Notification)
 
 
+# How many items that must arrive wait while the other side is gone; one more pushes out what matters least.
+QUEUE_MAX = 100
+
+
 class OutboxOptions(DriverOptions):
     """The table of a simulated messenger or notifier in the configuration."""
 
     history: int = Field(default=1000, ge=1)
     """How many delivered items are kept to look at."""
-    queue: int = Field(default=100, ge=1)
-    """How many items that must arrive wait while the other side is gone; one more pushes out what matters least."""
 
 
 class Sent(Struct, Generic[ItemT], frozen=True, kw_only=True):
@@ -48,7 +50,7 @@ class Outbox(Generic[ItemT]):
         self._name = f"the simulated {kind} '{context.name}'"
         self._clock = context.clock
         self._sent: deque[Sent[ItemT]] = deque(maxlen=options.history)
-        self._queue = options.queue
+        self._queue = QUEUE_MAX
         self._waiting: deque[tuple[float, ItemT]] = deque()
         self._is_open = False
 

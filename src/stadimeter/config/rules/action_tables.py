@@ -4,7 +4,7 @@ import datetime as dt
 import json
 import math
 import re
-from typing import Annotated, Any, Literal, Self, TypedDict
+from typing import Annotated, Any, ClassVar, Literal, Self, TypedDict
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
@@ -237,18 +237,16 @@ class RuleCommon(TypedDict):
 class SearchTable(Section):
     """The way a base turns to find its target; see `stadimeter.core.rule.Search`."""
 
+    written_elsewhere: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("turn_rate", "look", "hidden"), "leave it out: it is fixed"
+    )
+
     angle_rad: AngleOrZero = Field(default=_SEARCH.angle_rad, alias="angle")
     """In radians; it turns no further."""
     for_s: DurationAboveZero = Field(default=_SEARCH.for_s, alias="for")
     """In seconds, written ``for``; it searches no longer."""
     step_rad: Annotated[AngleOrZero, Field(ge=math.radians(5))] = Field(default=_SEARCH.step_rad, alias="step")
     """In radians; it turns by this, then looks. Less than the camera sees."""
-    rate_radps: Annotated[TurnRate, Field(gt=0)] = Field(default=_SEARCH.rate_radps, alias="turn_rate")
-    """In rad/s."""
-    look_s: Duration = Field(default=_SEARCH.look_s, alias="look")
-    """In seconds; how long it looks between two turns."""
-    hidden_s: Duration = Field(default=_SEARCH.hidden_s, alias="hidden")
-    """In seconds; how long it waits first for a target that was lost in the middle of the view."""
 
 
 class SlowTable(Section):

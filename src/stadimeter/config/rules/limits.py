@@ -242,14 +242,14 @@ class SeparationTable(QuantityTable[units.Length, units.LengthOrZero], Likelihoo
 class ContactTable(LikelihoodTable):
     """A condition on how soon a target will be here, if it goes on as it does."""
 
+    written_elsewhere: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("min_closing_speed", "speed_sigmas"), "leave it out: it is fixed"
+    )
+
     below: DurationAboveZero
     """In seconds."""
     contact: units.LengthOrZero = _CONTACT.contact_m
     """In metres; the distance that counts as contact."""
-    min_closing_speed: units.Speed = _CONTACT.closing_min_mps
-    """In m/s; a target that is slower does not come at all."""
-    speed_sigmas: Sigmas = _CONTACT.speed_sigmas
-    """How many standard deviations the speed must be above zero to be known."""
     deadband: units.Duration = _CONTACT.deadband_s
     """In seconds; how much later the contact must be before the condition ends."""
     deadband_sigmas: Sigmas = _CONTACT.deadband_sigmas
@@ -259,8 +259,6 @@ class ContactTable(LikelihoodTable):
         return TimeToContactCondition(
             below_s=self.below,
             contact_m=self.contact,
-            closing_min_mps=self.min_closing_speed,
-            speed_sigmas=self.speed_sigmas,
             deadband_s=self.deadband,
             **self.likelihood(severity),
             target=target,
