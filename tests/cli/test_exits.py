@@ -325,12 +325,12 @@ def shown(tmp_path: Path, text: str, key: str, line: int) -> str:
 
 
 def test_an_address_is_covered_and_the_rest_of_its_line_is_not(tmp_path: Path) -> None:
-    text = '[notifiers]\nphone = { driver = "apprise", url = "tgram://123:token/4", retry_for = "1" }\n'
-    said = shown(tmp_path, text, "notifiers.phone.retry_for", 2)
+    text = '[notifiers]\nphone = { driver = "apprise", url = "tgram://123:token/4", url_file = 1 }\n'
+    said = shown(tmp_path, text, "notifiers.phone.url_file", 2)
     line, underline = said.splitlines()[-2:]
     assert "token" not in said
-    assert f'url = "tgram://{"…" * len("123:token/4")}", retry_for = "1"' in line
-    assert line.index("retry_for") == underline.index("^")
+    assert f'url = "tgram://{"…" * len("123:token/4")}", url_file = 1' in line
+    assert line.index("url_file") == underline.index("^")
 
 
 def test_a_line_without_an_address_is_shown_as_it_is(tmp_path: Path) -> None:

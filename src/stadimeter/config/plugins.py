@@ -58,7 +58,7 @@ _BASES_IN_TABLES = (
 )  # fmt: skip
 
 # Options that once could be tuned.
-_FIXED = ("keepalive", "slowest", "fastest", "beep", "kick", "on_at", "pose_bearing_sigma", "queue")
+_FIXED = ("keepalive", "slowest", "fastest", "beep", "kick", "on_at", "pose_bearing_sigma", "queue", "retry_for")
 
 
 class DriverOptions(OptionsTable):

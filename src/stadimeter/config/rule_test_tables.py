@@ -89,14 +89,18 @@ class LevelAtTable(Section):
 class ExpectTable(Section):
     """The state expected of a rule or of an output. Times are in seconds from the start of the test."""
 
+    written_elsewhere: ClassVar[dict[str, str]] = {
+        "transitions_per_min_max": "write transitions_max, for the whole test",
+        "notified": "write sent, or raised",
+        "speed_reaches": "write acts_at, with a time",
+    }
+
     raised: Count | None = None
     """How often the rule is raised, exactly."""
     cleared: Count | None = None
     """How often it is cleared, exactly."""
     transitions_max: Count | None = None
     """How often it is raised or cleared, at most."""
-    transitions_per_min_max: Annotated[float, Field(ge=0)] | None = None
-    """The same for each minute of the test."""
     raised_by: Duration | None = None
     """When it is raised for the first time, at the latest."""
     raised_after: Duration | None = None
@@ -117,8 +121,6 @@ class ExpectTable(Section):
     """What it is doing at the end."""
     acknowledged: bool | None = None
     """Whether, at the end, it needs no acknowledgement any more."""
-    notified: Count | None = None
-    """How many of its events are notified."""
     sent: Count | None = None
     """How many messages and notifications it sends."""
     level_at: Annotated[list[LevelAtTable], BeforeValidator(_as_list), Field(min_length=1)] | None = None
@@ -129,8 +131,6 @@ class ExpectTable(Section):
     """What its level reaches at some time."""
     speed_max: Speed | None = None
     """What a base's speed never exceeds, either way, in m/s."""
-    speed_reaches: Speed | None = None
-    """What a base's speed reaches at some time, either way, in m/s."""
     stopped_at: Moments | None = None
     """When the output is at its safe value; for a base that is standing still."""
     acts_at: Moments | None = None
@@ -162,7 +162,7 @@ class ExpectTable(Section):
 
 # Keys of the table, by what they can be expected of.
 OF_ACTUATORS = ("level_at", "level_max", "level_reaches")
-OF_BASES = ("speed_max", "speed_reaches")
+OF_BASES = ("speed_max",)
 OF_OUTPUTS = ("stopped_at", "acts_at")
 OF_RULES = tuple(key for key in ExpectTable.model_fields if key not in {*OF_ACTUATORS, *OF_BASES, *OF_OUTPUTS})
 

@@ -19,7 +19,6 @@ from pydantic import BeforeValidator, SecretStr, model_validator
 
 from stadimeter.config.addresses import address_in
 from stadimeter.config.extras import missing
-from stadimeter.config.models import DurationAboveZero
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.secrets import HIDDEN
 from stadimeter.config.units import FilePath
@@ -47,6 +46,10 @@ def _has_service(url: object) -> object:
     return url
 
 
+# For how long a notification is tried.
+RETRY_FOR_S = 600.0
+
+
 class AppriseOptions(DriverOptions):
     """The table of an ``apprise`` notifier."""
 
@@ -55,8 +58,6 @@ class AppriseOptions(DriverOptions):
     `url_file`."""
     url_file: FilePath | None = None
     """A text file with the URL on its first line. It may be a systemd credential."""
-    retry_for: DurationAboveZero = 600.0
-    """For how long a notification is tried that the service does not take."""
 
     @model_validator(mode="after")
     def _one_place_only(self) -> Self:
@@ -104,7 +105,7 @@ class AppriseNotifier:
         self._service = _service(url, self._name)
         address = url.partition("://")[2]
         self._secrets = frozenset(_SECRET.findall(f"{address} {unquote(address)}"))
-        self._delivery = Delivery(self._deliver, self._options.retry_for, self._patience)
+        self._delivery = Delivery(self._deliver, RETRY_FOR_S, self._patience)
         left, self._left = self._left, ()
         for notification in left:
             self._delivery.add(notification)

@@ -150,7 +150,6 @@ class PeakWatch(RuleTestWatch):
     item: WatchedItem
     least: float
     figure: Callable[[DecidedCycle], float]
-    unit: str = ""
     _peak: tuple[float, DecidedCycle] | None = field(default=None, init=False)
 
     def see(self, cycle: DecidedCycle) -> None:
@@ -163,8 +162,7 @@ class PeakWatch(RuleTestWatch):
         """Yield the highest figure if it is too low."""
         if self._peak is not None and self._peak[0] < self.least - _ROUNDING_S:
             peak, cycle = self._peak
-            got = f"{peak:.2f}{self.unit} at most, at {cycle.at_s:.2f} s"
-            yield self.item.failure(f"{self.least:.2f}{self.unit} reached", got, cycle)
+            yield self.item.failure(f"{self.least:.2f} reached", f"{peak:.2f} at most, at {cycle.at_s:.2f} s", cycle)
 
 
 @dataclass(eq=False)
@@ -173,7 +171,7 @@ class CountWatch(RuleTestWatch):
 
     Attributes:
         noun: What is counted; its plural has an s.
-        most: The greatest number that will do; for each minute of the test if it is a rate.
+        most: The greatest number that will do.
         is_near: Whether a cycle came near to such an event, for saying why there was not one more.
     """
 
@@ -183,7 +181,6 @@ class CountWatch(RuleTestWatch):
     is_near: IsMet
     least: float
     most: float
-    is_rate: bool = False
     _count: int = field(default=0, init=False)
     _shown: list[tuple[float, str]] = field(default_factory=list, init=False)
     _near: DecidedCycle | None = field(default=None, init=False)
@@ -202,18 +199,16 @@ class CountWatch(RuleTestWatch):
 
     def failures(self) -> Iterator[Failure]:
         """Yield the count if it is wrong, with the first event too many, or the moment that came nearest."""
-        minutes = self._cycle.at_s / 60 if self._cycle else 0.0
-        most = self.most * minutes if self.is_rate else self.most
-        if self.least <= self._count <= most:
+        if self.least <= self._count <= self.most:
             return
-        expected = self._words(most) if self.least == most else f"{self._words(most)} at most"
+        expected = self._words(self.most) if self.least == self.most else f"{self._words(self.most)} at most"
         more = ", …" if self._count > len(self._shown) else ""
         times = f" (at {', '.join(f'{at_s:.2f} s' for at_s, _ in self._shown)}{more})" if self._shown else ""
         got = self._words(self._count) + times
         if self._count < self.least:
             yield self.item.failure(expected, got, self._near or self._cycle)
             return
-        at_s, why = self._shown[min(int(most), len(self._shown) - 1)]
+        at_s, why = self._shown[min(int(self.most), len(self._shown) - 1)]
         yield replace(self.item.failure(expected, got), at_s=at_s, why=why)
 
     def _words(self, count: float) -> str:
@@ -418,10 +413,6 @@ class _RuleWatches(Struct, frozen=True):
         name = self.rule.name
         return lambda cycle: [event for event in cycle.decision.events if event.source == name and event.kind in kinds]
 
-    def _find_notified(self, cycle: DecidedCycle) -> list[Event]:
-        events = self._events(EventKind.RAISED, EventKind.CLEARED, EventKind.REALARMED)
-        return [event for event in events(cycle) if event.notify]
-
     def _find_sent(self, cycle: DecidedCycle) -> list[Event]:
         return [notice.event for notice in cycle.decision.notices if notice.rule == self.rule.name]
 
@@ -430,19 +421,15 @@ class _RuleWatches(Struct, frozen=True):
         counted = (
             ("raised", self._events(EventKind.RAISED), "raise"),
             ("cleared", self._events(EventKind.CLEARED), "clearing"),
-            ("notified", self._find_notified, "notification"),
             ("sent", self._find_sent, "message"),
             ("transitions_max", transitions, "transition"),
-            ("transitions_per_min_max", transitions, "transition"),
         )
         for key, find, noun in counted:
             count: float | None = getattr(self.expected, key)
             if count is not None:
                 near = RuleStatus.CLEARING if key == "cleared" else RuleStatus.PENDING
                 least = 0 if key.endswith("_max") else count
-                yield CountWatch(
-                    self._item(key), find, noun, self._is_in(near), least, count, is_rate="_per_min_" in key
-                )
+                yield CountWatch(self._item(key), find, noun, self._is_in(near), least, count)
 
     def _is_in(self, status: RuleStatus) -> IsMet:
         return lambda cycle: self._trace(cycle).status is status
@@ -530,8 +517,6 @@ class _OutputWatches(Struct, frozen=True):
             yield PeakWatch(self._item("level_reaches"), expected.level_reaches, self._level)
         if (most := expected.speed_max) is not None:
             yield self._never_above("speed_max", most, self._speed_mps, f"never faster than {most:.2f} m/s")
-        if expected.speed_reaches is not None:
-            yield PeakWatch(self._item("speed_reaches"), expected.speed_reaches, self._speed_mps, " m/s")
         stopped, acting = self._item("stopped_at"), self._item("acts_at")
         yield from _watch_moments(stopped, expected.stopped_at, "at its safe value", self._is_stopped, self._does)
         yield from _watch_moments(acting, expected.acts_at, "not at its safe value", self._is_acting, self._does)
