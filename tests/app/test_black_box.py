@@ -99,7 +99,7 @@ def test_an_alarm_is_in_a_clip_with_what_came_before_and_after_and_nothing_else_
     (clip,) = room.run(9, lambda now_s, _box: written.__setitem__(now_s, room.clips_folder.exists()))
     began_s, ended_s = span_of(clip)
     (raised_s,) = (
-        cycle.now_s() for cycle in read_mcap(clip).cycles() if any(e.kind == "raised" for e in cycle.events())
+        cycle.now_s() for cycle in read_mcap(clip).cycles() if any(e.kind == "raised" for e in cycle.decision().events)
     )
     assert raised_s - 4.2 <= began_s <= raised_s - 3
     assert raised_s + 2 <= ended_s <= raised_s + 2.2

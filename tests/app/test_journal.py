@@ -11,10 +11,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.journal import CycleEncoder, JournalWriter, RecordedConfiguration, read_journal
+from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration, read_journal
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.decide import decide, initial_state
-from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan
@@ -335,17 +333,3 @@ def test_a_disk_that_fills_up_leaves_a_journal_of_whole_lines(tmp_path):
     assert 4000 < path.stat().st_size <= 5000
     assert path.read_bytes().endswith(b"\n")
     assert len(list(records_of(read_journal(path)))) >= 5
-
-
-@given(st.lists(st.lists(st.sampled_from("abcde"), unique=True, max_size=5), min_size=1, max_size=8))
-def test_rules_are_written_the_same_whether_they_were_written_before_or_not(orders):
-    traces = {name: RuleTrace(rule=name, status=RuleStatus.IDLE) for name in "abcde"}
-    encoder = CycleEncoder(repeats_rules=True)
-    _, decided = decide(initial_state(PLAN), Observation(now_s=1.0))
-    for order in orders:
-        traces["a"] = replace(traces["a"])  # equal, and another object
-        rules = tuple(traces[name] for name in order)
-        decision = replace(decided, rules=rules)
-        written = encoder.encode_decision(decision)
-        assert written == CycleEncoder(repeats_rules=True).encode_decision(decision)
-        assert [rule["rule"] for rule in json.loads(written)["rules"]] == order

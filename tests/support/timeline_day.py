@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stadimeter.app.timeline import LEVELS_S, STATES, Names, merge_rows
+from stadimeter.app.timeline import STATES, Names
 from stadimeter.core.decision import RuleStatus
 
 DAY_S = 86400
@@ -50,6 +50,4 @@ def keep_day(
     for day in np.unique(at_s // DAY_S):
         segment = rows[at_s // DAY_S == day]
         name = f"{int(segment['unix_s'][0])}-{uuid.uuid4().hex[:8]}"
-        for level_s in LEVELS_S:
-            path = folder / f"{name}.{level_s}"
-            path.write_bytes(names.head + merge_rows(segment, level_s).tobytes())
+        (folder / f"{name}.1").write_bytes(names.head + segment.tobytes())

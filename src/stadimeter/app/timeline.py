@@ -1,10 +1,9 @@
 """The timeline of a run: what each second was like, kept for days, in rows of fixed length in files that only grow.
 
-A segment is what one run wrote of the same targets and rules, for a day at most: ``NAME.1`` with a row for each second,
-and ``NAME.60`` with one for each minute, from which a long time is read quickly. Each row has the time by the
-computer's clock and by that of the run: recordings go by that, and either may lag or be set. Each file begins with a
-line of JSON that names targets and rules. The minutes are written every ten minutes; what they lack after a power cut
-is made of the seconds, and half a row at the end is not read.
+A segment is what one run wrote of the same targets and rules, for a day at most: a file with a row for each second, in
+which a time is found by halving; a long time is merged when it is read. Each row has the time by the computer's clock
+and by that of the run: recordings go by that, and either may lag or be set. Each file begins with a line of JSON that
+names targets and rules. Half a row at the end, as after a power cut, is not read.
 
 The loop hands cycles over; all else is done in a thread. A memory card is written to as seldom as for the event log:
 what a kill or a power cut costs is a minute.
@@ -41,7 +40,7 @@ from stadimeter.core.measurement import Track
 from stadimeter.errors import JournalError, StadimeterError
 
 FOLDER = "timeline"
-LEVELS_S = (1, 60)
+SECONDS = ".1"
 
 # What rows consist of; files of another format are passed over.
 FORMAT = 2
@@ -121,38 +120,21 @@ def read_rows(folder: Path, from_s: float, to_s: float, step_s: int) -> Iterator
 
     A file that is no timeline, or gone by now, is passed over.
     """
-    level_s = max(each for each in LEVELS_S if step_s % each == 0)
-    for path in sorted(folder.glob("*.1")):
+    for path in sorted(folder.glob(f"*{SECONDS}")):
         try:
-            names, rows = _read_segment(path, from_s, to_s, level_s)
+            names, rows = _read_segment(path, from_s, to_s)
         except (StadimeterError, OSError, ValueError):
             continue
         if len(rows):
             yield names, merge_rows(rows, step_s)
 
 
-def _read_segment(path: Path, from_s: float, to_s: float, level_s: int) -> tuple[Names, Rows]:
-    """Return the rows of a level, and of the seconds that it lacks yet."""
-    with open_untrusted(path) as file:
-        names = msgspec.json.decode(file.readline(JSON_MAX_BYTES), type=Names)
-    coarse = np.zeros(0, names.row)
-    if level_s > 1:
-        try:
-            coarse = _read_file(path.with_suffix(f".{level_s}"), names, from_s - level_s, to_s)
-        except (StadimeterError, OSError):
-            pass
-        else:
-            coarse = coarse[coarse["unix_s"] + level_s > from_s]
-    since_s = float(coarse["unix_s"][-1]) + level_s if len(coarse) else from_s
-    fine = _read_file(path, names, since_s, to_s) if since_s < to_s else np.zeros(0, names.row)
-    return names, np.concatenate([coarse, fine])
-
-
-def _read_file(path: Path, names: Names, from_s: float, to_s: float) -> Rows:
+def _read_segment(path: Path, from_s: float, to_s: float) -> tuple[Names, Rows]:
     """Return the rows of a file from one time up to another, which is found by halving."""
     with open_untrusted(path) as file:
-        if file.readline(JSON_MAX_BYTES) != names.head:
-            raise JournalError(f"{path} is no timeline, or of other targets and rules")
+        names = msgspec.json.decode(file.readline(JSON_MAX_BYTES), type=Names)
+        if names.format != FORMAT:
+            raise JournalError(f"{path} is a timeline of another format")
         row, begin = names.row, file.tell()
         count = (os.fstat(file.fileno()).st_size - begin) // row.itemsize
 
@@ -163,7 +145,7 @@ def _read_file(path: Path, names: Names, from_s: float, to_s: float) -> Rows:
             count -= 1
         first, end = (bisect_left(range(count), at_s, key=time_of) for at_s in (from_s, to_s))
         file.seek(begin + first * row.itemsize)
-        return np.frombuffer(file.read((end - first) * row.itemsize), row)
+        return names, np.frombuffer(file.read((end - first) * row.itemsize), row)
 
 
 def _time_at(file: BinaryIO, byte: int) -> int:
@@ -171,7 +153,6 @@ def _time_at(file: BinaryIO, byte: int) -> int:
 
 
 WRITE_EVERY_S = 60.0
-MINUTES_EVERY_S = 600
 
 # The cycles that wait for the thread while a disk hangs, the newest; and the seconds that wait for one that is full.
 CYCLES_MAX = 4096
@@ -202,9 +183,8 @@ class TimelineKeeper(KeptPast):
         self._cycles: deque[_Cycle] = deque(maxlen=CYCLES_MAX)
         self._names = Names((), ())
         self._segment: Path | None = None
-        self._begun: set[int] = set()
-        self._rows: Rows = np.zeros(0, self._names.row)  # of the segment: what is not in its coarser files yet
-        self._written = 0  # of these
+        self._is_begun = False
+        self._rows: Rows = np.zeros(0, self._names.row)  # of the segment: what is not written yet
         self._last_s = 0
         self._due_s = 0.0
 
@@ -228,51 +208,32 @@ class TimelineKeeper(KeptPast):
     def finish(self) -> None:
         """Make rows of the last second, too, and write all."""
         self.step(is_end=True)
-        self._write(is_whole=True)
+        self._write()
 
     def _add(self, names: Names, unix_s: int, cycles: Rows) -> None:
         is_next = self._last_s < unix_s and self._last_s // DAY_S == unix_s // DAY_S
         if self._segment is None or names != self._names or not is_next:
-            self._write(is_whole=True)
+            self._write()
             name = f"{datetime.fromtimestamp(unix_s, UTC):%Y%m%dT%H%M%SZ}-{uuid.uuid4().hex[:8]}"
-            self._segment, self._names, self._begun = self._folder / name, names, set()
-            self._rows, self._written = np.zeros(0, names.row), 0
+            self._segment, self._names = self._folder / f"{name}{SECONDS}", names
+            self._rows, self._is_begun = np.zeros(0, names.row), False
         self._rows = np.concatenate([self._rows, merge_rows(cycles, 1)])[-SECONDS_MAX:]
         self._last_s = unix_s
 
-    def _write(self, *, is_whole: bool = False) -> None:
-        """Write the seconds, and the coarser rows of every ten minutes that are over, or of the whole segment.
-
-        Where the disk takes the seconds alone, another segment begins: of this one, the reader makes what is missing at
-        the end of a level.
-        """
-        if self._segment is None:
+    def _write(self) -> None:
+        """Append to the file of the segment, which begins with the names; before that, what is too old goes."""
+        if self._segment is None or not len(self._rows):
             return
         try:
-            self._append(self._segment, 1, self._rows[self._written :])
-            self._written = len(self._rows)
-            until_s = math.inf if is_whole else self._last_s // MINUTES_EVERY_S * MINUTES_EVERY_S
-            over = self._rows[self._rows["unix_s"] < until_s]
-            self._rows, self._written = self._rows[len(over) :], self._written - len(over)
-            for level_s in LEVELS_S[1:]:
-                self._append(self._segment, level_s, merge_rows(over, level_s))
-            self._trouble = ""
+            head = b""
+            if not self._is_begun:
+                self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+                delete_old(self._folder, self._keep_s, FOLDER_BYTES, "*.*")
+                head = self._names.head
+            append_whole(self._segment, head + self._rows.tobytes(), is_lasting=False)
+            self._rows, self._is_begun, self._trouble = self._rows[:0], True, ""
         except OSError as error:
             self._trouble = f"the timeline {self._folder} is not written: {error.strerror or error}"
-            if self._written == len(self._rows):
-                self._segment = None
-
-    def _append(self, segment: Path, level_s: int, rows: Rows) -> None:
-        """Append to a file of the segment, which begins with the names; before that, what is too old goes."""
-        if not len(rows):
-            return
-        head = b""
-        if level_s not in self._begun:
-            self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            delete_old(self._folder, self._keep_s, FOLDER_BYTES, "*.*")
-            head = self._names.head
-        append_whole(segment.with_name(f"{segment.name}.{level_s}"), head + rows.tobytes(), is_lasting=False)
-        self._begun.add(level_s)
 
 
 def _names_of(cycle: _Cycle) -> Names:

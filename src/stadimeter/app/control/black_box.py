@@ -4,9 +4,9 @@ The loop says what is worth a clip, and gives it a name before the messages of t
 the thread of a recorder, so the loop never waits.
 
 The last seconds are in memory, as a row of segments of about a second, each with the state of the run with which it
-begins: a recording can begin at any of them and replays to the same decisions. A segment is encoded and compressed as
-it will be written, in a mapping of its own: its bytes are known, and go back to the system when it is dropped. A clip
-is written segment by segment, while the next ones are taken in: a slow disk delays it, and costs no pictures.
+begins: a recording can begin at any of them and replays to the same decisions. Entries are encoded as they will be
+written. A clip is written segment by segment, while the next ones are taken in: a slow disk delays it, and costs no
+pictures.
 
 What happens while a clip is under way makes it longer, by the whole of ``after``. A clip that has been made longer by
 `LONGER_MAX_S` is not made longer again: the next event begins another one, which overlaps it by ``before``.
@@ -22,13 +22,11 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import partial
-from mmap import PAGESIZE, mmap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from msgspec import Struct, msgpack
+from msgspec import Struct
 from msgspec.structs import replace
-from zstandard import ZstdCompressor, ZstdDecompressor
 
 from stadimeter.app.control.messages import OutputsArgs, Reply
 from stadimeter.app.control.recording import CLIPS, recordings_folder
@@ -61,31 +59,23 @@ if TYPE_CHECKING:
 # No clip begins with less room on the disk: what alarms remember must find some.
 FREE_MIN_BYTES = 50_000_000
 
+# What an entry takes in memory beside its data: the objects of its fields.
+ENTRY_BYTES = 300
+
 
 class _Segment(Struct, frozen=True):
     """About a second of a run.
 
     Attributes:
         resumed: Returns the state with which it begins, as text; empty for that of a run that restored nothing.
-        data: Its entries one after the other as MessagePack, compressed.
-        count: How many there are.
+        size_bytes: What its entries take in memory.
     """
 
     began_s: float
     resumed: Callable[[], str]
     configuration: RecordedConfiguration
-    data: mmap
-    count: int
-
-    @property
-    def size_bytes(self) -> int:
-        """The space it takes in memory: whole pages."""
-        return -(-len(self.data) // PAGESIZE) * PAGESIZE
-
-    def entries(self) -> list[Entry]:
-        """Return its entries: as MessagePack, an array of that many."""
-        packed = ZstdDecompressor().decompressobj().decompress(memoryview(self.data))
-        return msgpack.decode(b"\xdd" + self.count.to_bytes(4, "big") + packed, type=list[Entry])
+    entries: list[Entry]
+    size_bytes: int
 
 
 class _OpenClip(Struct):
@@ -115,14 +105,12 @@ class BlackBoxMemory:
         self._table = table
         self._names = names
         self._encoder = EntryEncoder(recorded, ImageOptions(quality_percent=table.quality))
-        self._compressor = ZstdCompressor(level=1)
         self._segments: deque[_Segment] = deque()
-        self._chunks: list[bytes] = []
-        self._stream = self._compressor.compressobj()
+        self._entries: list[Entry] = []
         self._began_s = math.nan
         self._resumed: Callable[[], str] = str
         self._configuration = self._newest_configuration = recorded.configuration
-        self._bytes = self._open_bytes = self._count = 0
+        self._bytes = self._open_bytes = 0
         self._clip: _OpenClip | None = None
         self._clip_trouble = ""
         self._is_short = False
@@ -156,17 +144,12 @@ class BlackBoxMemory:
     def begin_segment(self, state: State | None) -> None:
         """Put what was taken in since the last call into a segment. The next one begins with this state."""
         if not math.isnan(self._began_s):
-            self._keep(self._stream.flush())
-            data = mmap(-1, self._open_bytes)
-            for chunk in self._chunks:
-                data.write(chunk)
-            segment = _Segment(self._began_s, self._resumed, self._configuration, data, self._count)
+            segment = _Segment(self._began_s, self._resumed, self._configuration, self._entries, self._open_bytes)
             self._segments.append(segment)
             self._bytes += segment.size_bytes
             if self._clip is not None:
                 self._clip.pending.append(segment)
-        self._chunks, self._stream = [], self._compressor.compressobj()
-        self._count, self._open_bytes, self._began_s = 0, 0, math.nan
+        self._entries, self._open_bytes, self._began_s = [], 0, math.nan
         self._configuration = self._newest_configuration
         self._resumed = str if state is None else lambda: state_text(state)
 
@@ -213,24 +196,15 @@ class BlackBoxMemory:
             self._clip.writer.abandon()
 
     def _take(self, entry: Entry) -> None:
-        self._keep(self._stream.compress(msgpack.encode(entry)))
-        self._count += 1
-
-    def _keep(self, chunk: bytes) -> None:
-        self._chunks.append(chunk)
-        self._open_bytes += len(chunk)
+        self._entries.append(entry)
+        self._open_bytes += len(entry.data) + ENTRY_BYTES
 
     def _make_room(self, now_s: float) -> None:
-        """Drop what is older than is wanted; then the oldest, while all together takes more memory than it may.
-
-        The segment that is being filled counts as large as the last one: allocators do not give its room back.
-        """
+        """Drop what is older than is wanted; then the oldest, while all together takes more memory than it may."""
         while len(self._segments) > 1 and self._segments[1].began_s <= now_s - self._table.before:
             self._drop()
             self._is_short = False
-        while (
-            self._segments and self._bytes + max(self._open_bytes, self._segments[-1].size_bytes) > self._table.memory
-        ):
+        while self._segments and self._bytes + self._open_bytes > self._table.memory:
             self._drop()
             self._is_short = True
 
@@ -248,7 +222,7 @@ class BlackBoxMemory:
         if clip is None or not clip.pending:
             return
         with self._saying(clip.path, "is not whole"):
-            clip.writer.add(clip.pending.popleft().entries())
+            clip.writer.add(clip.pending.popleft().entries)
             clip.writer.flush()
             delete_old(clip.path.parent, math.inf, self._table.max_total, self._names, newest=clip.path.name)
             if clip.writer.size_bytes > self._table.max_total:

@@ -46,7 +46,7 @@ from stadimeter.config.findings import format_value
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import path_from
 from stadimeter.core.bounds import MAX_TIME_S, is_time
-from stadimeter.core.decision import Decision, Event, RuleTrace
+from stadimeter.core.decision import Decision, RuleTrace
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import Observation
 from stadimeter.errors import ConfigError, JournalError, Problem, UnreadableError
@@ -300,11 +300,13 @@ def _camera_files(configuration: Configuration) -> dict[str, str]:
     return texts
 
 
-# Stands for the rules of a decision that are those of the cycle before, which are last in it.
-AS_BEFORE = b'"as before"'
+# Stands for the rules of a decision that are those of the cycle before. No text holds the bytes: in one, quotes are
+# escaped.
+AS_BEFORE = "as before"
 _RULES_ARE = b',"rules":'
+_RULES_AS_BEFORE = _RULES_ARE + b'"as before"'
 
-# What older recordings call the inhibits of a rule. No text holds these bytes: in one, quotes are escaped.
+# What older recordings call the inhibits of a rule.
 _GATES, _INHIBITS = b',"gates":[', b',"inhibits":['
 
 
@@ -319,9 +321,9 @@ class _Reloaded(Struct, frozen=True):
     reloaded: _RecordedReload
 
 
-# The parts of a cycle before its decision, in their order, and those of a decision before its rules.
+# The parts of a cycle before its decision, and those of a decision, in their order.
 _PARTS = ("observation", "applied", "timings_s")
-_DECIDED = tuple(name for name in Decision.__struct_fields__ if name not in {"rules", "reasons"})
+_DECIDED = (*(name for name in Decision.__struct_fields__ if name not in {"rules", "reasons"}), "rules")
 
 _RELOADED_BEGINS = b'{"reloaded":'
 
@@ -361,32 +363,15 @@ class CycleEncoder:
     def __init__(self, *, repeats_rules: bool) -> None:
         self._repeats_rules = repeats_rules
         self._rules: tuple[RuleTrace, ...] | None = None
-        self._rules_json = b"[]"
-        self._each: dict[int, tuple[RuleTrace, bytes]] = {}
 
     def encode(self, record: CycleRecord) -> bytes:
         """Write a cycle."""
-        parts = encode({name: getattr(record, name) for name in _PARTS})
-        return parts[: -len(b"}")] + b',"decision":' + self.encode_decision(record.decision) + b"}"
-
-    def encode_decision(self, decision: Decision) -> bytes:
-        """Write a decision; what rules did, and did in the cycle before, is not made again."""
-        rules = AS_BEFORE
-        if decision.rules is not self._rules or self._repeats_rules:
-            rules = self._encode_rules(decision.rules)
-        decided = encode({name: getattr(decision, name) for name in _DECIDED})
-        return decided[: -len(b"}")] + _RULES_ARE + rules + b"}"
-
-    def _encode_rules(self, rules: tuple[RuleTrace, ...]) -> bytes:
-        if rules is not self._rules:
-            # Of a hundred rules a few change at a time, and those that did not are the same objects: an identity
-            # stands for one object while that object is held, which the table does until the next change.
-            before, self._each = self._each, {}
-            for rule in rules:
-                known = before.get(id(rule))
-                self._each[id(rule)] = known if known is not None else (rule, encode(rule))
-            self._rules, self._rules_json = rules, b"[" + b",".join([json for _, json in self._each.values()]) + b"]"
-        return self._rules_json
+        decision, before = record.decision, self._rules
+        decided = {name: getattr(decision, name) for name in _DECIDED}
+        self._rules = decided["rules"] = decision.rules
+        if before is decision.rules and not self._repeats_rules:
+            decided["rules"] = AS_BEFORE
+        return encode({**{name: getattr(record, name) for name in _PARTS}, "decision": decided})
 
 
 class _When(Struct, frozen=True):
@@ -397,7 +382,6 @@ class _When(Struct, frozen=True):
 
 
 class _Decided(Struct, frozen=True):
-    events: tuple[Event, ...]
     rules: Raw
 
 
@@ -429,11 +413,10 @@ class RecordedCycle:
         self._place = place
         self._parts: _Parts | None = None
         self._rules: bytes | None = None
-        if AS_BEFORE in line:
+        if _RULES_AS_BEFORE in line:
             self._rules = before.rules_json() if before else b"[]"
-            self._line = line.replace(_RULES_ARE + AS_BEFORE, _RULES_ARE + self._rules)
-        else:
-            self._line = line.replace(_GATES, _INHIBITS)
+            line = line.replace(_RULES_AS_BEFORE, _RULES_ARE + self._rules)
+        self._line = line.replace(_GATES, _INHIBITS)
 
     def observation(self) -> Observation:
         """Return the observation of the cycle."""
@@ -454,19 +437,15 @@ class RecordedCycle:
         """Check whether a frame was new in it."""
         return bytes(self._read(self._part("observation"), _When).frame) != b"null"
 
-    def events(self) -> tuple[Event, ...]:
-        """Return the recorded events."""
-        return self._read(self._part("decision"), _Decided).events
-
     def rules_json(self) -> bytes:
         """Return the JSON of its rules."""
         if self._rules is None:
             self._rules = bytes(self._read(self._part("decision"), _Decided).rules)
         return self._rules
 
-    def decision_json(self) -> bytes:
-        """Return the JSON of the decision."""
-        return bytes(self._part("decision"))
+    def decision(self) -> Decision:
+        """Return what was decided."""
+        return self._read(self._part("decision"), Decision)
 
     def record(self) -> CycleRecord:
         """Return the whole cycle."""

@@ -111,7 +111,7 @@ def what_is_recorded(
     )
 
 
-class Entry(Struct, frozen=True, array_like=True):
+class Entry(Struct, frozen=True):
     """The content of a recording at one moment of one topic.
 
     Attributes:

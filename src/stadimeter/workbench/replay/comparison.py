@@ -16,7 +16,7 @@ import msgspec
 from msgspec import Struct, field
 
 from stadimeter.app.exact_json import plain
-from stadimeter.app.recordings.journal import CycleEncoder, RecordedCycle
+from stadimeter.app.recordings.journal import RecordedCycle
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.decision import Decision, Event, RuleTrace
 from stadimeter.core.observation import Observation
@@ -24,9 +24,8 @@ from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.replay import ReplayRun
 from stadimeter.workbench.replay.replay_figures import RuleFigures, Tally
 
-# At most this many decisions that differ are compared field by field; of later ones only the bytes are.
+# At most this many decisions that differ are shown field by field.
 SHOWN_DIFFERENCES = 10
-LOOKED_INTO = 1000
 
 
 class Difference(Struct, kw_only=True):
@@ -55,18 +54,10 @@ class ReplayResult(Struct, kw_only=True):
 
 
 class Comparison:
-    """Compares decisions with recorded ones.
-
-    Most recorded decisions need not be parsed: one that this version wrote is the same if its bytes are. Where bytes
-    differ, another version may have written the same decision, so it is parsed. Past `LOOKED_INTO` differences the
-    rules are others, and where the recording is known to be of this version's writing, other bytes are enough.
-    """
+    """Compares decisions with recorded ones."""
 
     def __init__(self) -> None:
         self.result = ReplayResult()
-        self._encoder = CycleEncoder(repeats_rules=True)
-        self._different = 0
-        self._is_ours = True
 
     def add(self, cycle: RecordedCycle, observation: Observation, decision: Decision) -> None:
         """Add one cycle; raises JournalError if the recorded one is damaged."""
@@ -76,26 +67,14 @@ class Comparison:
             result.targets.update([measured.target for measured in observation.measurements])
         result.recorded_frames += cycle.has_frame()
         result.events += decision.events
-        if self._is_same(cycle, decision):
+        recorded = cycle.decision()
+        result.recorded_events += recorded.events
+        if decision == recorded:
             result.identical += 1
-            result.recorded_events += decision.events
-        else:
-            self._different += 1
-            result.recorded_events += cycle.events()
-            if len(result.differences) < SHOWN_DIFFERENCES:
-                what = _differing(decision, cycle.record().decision)
-                result.differences.append(Difference(cycle=result.cycles, now_s=observation.now_s, what=what))
+        elif len(result.differences) < SHOWN_DIFFERENCES:
+            what = _differing(decision, recorded)
+            result.differences.append(Difference(cycle=result.cycles, now_s=observation.now_s, what=what))
         result.cycles += 1
-
-    def _is_same(self, cycle: RecordedCycle, decision: Decision) -> bool:
-        written = cycle.decision_json()
-        if written == self._encoder.encode_decision(decision):
-            return True
-        if self._is_ours and self._different > LOOKED_INTO:
-            return False
-        recorded = cycle.record().decision
-        self._is_ours = self._is_ours and written == CycleEncoder(repeats_rules=True).encode_decision(recorded)
-        return decision == recorded
 
 
 def _differing(decision: Decision, recorded: Decision) -> tuple[str, ...]:
