@@ -5,12 +5,11 @@ import json
 import resource
 import socket
 import stat
-import threading
 
 import pytest
 
 from stadimeter.app.control.messages import LINE_MAX_BYTES, Reply
-from stadimeter.app.control.socket_server import CONNECTIONS_MAX, WAITING_MAX, ControlSocket
+from stadimeter.app.control.socket_server import WAITING_MAX, ControlSocket
 from stadimeter.errors import ControlError
 from stadimeter.testing.rig import eventually
 from support.each_case import each_case
@@ -182,23 +181,10 @@ def test_half_a_line_and_the_end_is_nothing(control, client):
 def test_two_hundred_idle_connections_lock_nobody_out(control, connect):
     others = [connect(control) for _ in range(200)]
     assert connect(control).ask({"op": "hello"})["status"] == "ok"
-    assert others[0].answer() is None
-    assert is_heard(others[-1])
-    assert len(control._server.connections) <= CONNECTIONS_MAX
-    assert eventually(lambda: threading.active_count() < CONNECTIONS_MAX + 10)
-
-
-def test_whoever_waits_for_an_answer_stays_when_idle_connections_are_hung_up_on(control, client, connect):
-    client.send({"op": "status"})
-    (asked,) = taken(control)
-    for _ in range(2 * CONNECTIONS_MAX):
-        connect(control)
-    asked.answer(Reply("patience"))
-    assert client.answer()["data"] == "patience"
+    assert is_heard(others[0])
 
 
 def test_more_requests_than_may_wait_are_refused_and_the_others_stay(control, connect):
-    """While the loop hangs, each new connection may take the place of another: what was asked before still waits."""
     while len(control._asked) < WAITING_MAX:
         before = len(control._asked)
         connect(control).send({"op": "status"})
@@ -212,9 +198,8 @@ def test_whoever_never_reads_holds_nobody_up(control, client, connect):
     client.send({"op": "status"})
     (asked,) = taken(control)
     asked.answer(Reply("a" * 3_000_000))
-    for _ in range(3 * CONNECTIONS_MAX):
+    for _ in range(10):
         assert is_heard(connect(control))
-    assert client.socket not in control._server.connections
 
 
 def test_text_that_utf_8_cannot_hold_comes_back_and_ends_nothing(control, client, connect):

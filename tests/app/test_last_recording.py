@@ -11,7 +11,6 @@ import pytest
 from stadimeter.app.bootstrap import build
 from stadimeter.app.control.recording import LastRecording, delete_old, last_folder
 from stadimeter.app.control.reloading import needs_restart
-from stadimeter.app.control.socket_server import Asked
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.watching import attend_to_requests
@@ -36,13 +35,6 @@ loop = false
 """
 
 
-class NoRequests:
-    """Nobody asks for anything."""
-
-    def take(self) -> list[Asked]:
-        return []
-
-
 def run_room(folder: Path, frames: int) -> tuple[Path, list[str]]:
     """Run it; simulated time waits for the threads that open files. Return its file, and what was said."""
     path, told = folder / "room.toml", list[str]()
@@ -54,7 +46,7 @@ def run_room(folder: Path, frames: int) -> tuple[Path, list[str]]:
         opening = [each for each in loop.listeners if isinstance(each, LastRecording)]
         assert eventually(lambda: not any(each._is_beginning for each in opening))
 
-    with attend_to_requests(loop, NoRequests()):
+    with attend_to_requests(loop, []):
         loop.listeners.append(wait)
         loop.run(Limits(frames=frames))
     return path, told

@@ -14,7 +14,7 @@ from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.app.live.health import Board, BoardState, LiveHealth
 from stadimeter.app.live.history import WINDOW_S, DistanceSample, RunHistory, Seen
 from stadimeter.app.live.pictures import SHOWN_MAX_PX, Pictures, drawn
-from stadimeter.app.live.snapshot import LiveFeed, ReasonsInTurn, outline_of, samples_json, shared_json
+from stadimeter.app.live.snapshot import LiveFeed, outline_of, samples_data, shared_data
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.watching import live_feed
 from stadimeter.config.loader import load_configuration
@@ -46,8 +46,8 @@ def demonstration():
 
 def as_data(feed):
     """Return a snapshot as whoever watches reads it; a number that JSON does not have is refused."""
-    shared = shared_json(feed.snapshot(), 1, feed.clock.now_s(), 1_790_000_000.0, ReasonsInTurn())
-    return json.loads(shared + "}", parse_constant=pytest.fail)
+    shared = shared_data(feed.snapshot(), 1, feed.clock.now_s(), 1_790_000_000.0)
+    return json.loads(json.dumps(shared), parse_constant=pytest.fail)
 
 
 @pytest.mark.long
@@ -147,9 +147,9 @@ def test_distances_are_a_list_of_time_distance_and_deviation_with_null_for_a_gap
     samples = [
         DistanceSample(at_s=number / 10, distance_m=None if number == 3 else 2.0, sigma_m=0.01) for number in range(250)
     ]
-    told = json.loads(samples_json({"ball": samples, "none": ()}))
+    told = samples_data({"ball": samples, "none": ()})
     assert len(told["ball"]) == 250
-    assert told["ball"][2:4] == [[0.2, 2.0, 0.01], [0.3, None, 0.01]]
+    assert told["ball"][2:4] == [(0.2, 2.0, 0.01), (0.3, None, 0.01)]
     assert told["none"] == []
 
 

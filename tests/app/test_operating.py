@@ -71,7 +71,7 @@ class Room:
             assert eventually(lambda: not self.loop.services.recording._is_beginning)
 
     def run(self, frames=150):
-        with attend_to_requests(self.loop, self):
+        with attend_to_requests(self.loop, [self]):
             self.loop.listeners.append(self.listen)
             self.loop.run(Limits(frames=frames))
         assert eventually(lambda: len(self.answers) == len(self.plans))
@@ -173,7 +173,7 @@ class TestRecording:
                 goes_on.set()
                 assert eventually(lambda: not room.loop.services.recording._is_beginning)
 
-        with attend_to_requests(room.loop, room):
+        with attend_to_requests(room.loop, [room]):
             room.loop.listeners.append(listen)
             room.loop.run(Limits(frames=150))
         early, begun = room.answers
@@ -194,7 +194,7 @@ class TestRecording:
                 goes_on.set()
                 assert eventually(lambda: not room.loop.services.recording._is_beginning)
 
-        with attend_to_requests(room.loop, room):
+        with attend_to_requests(room.loop, [room]):
             room.loop.listeners.append(reload_meanwhile)
             room.loop.run(Limits(frames=150))
         assert [answer.error for answer in room.answers] == ["", ""]
@@ -293,7 +293,7 @@ class TestWorld:
 
 
 def alarms_of(reply):
-    return {alarm["rule"]: alarm for alarm in json.loads(reply.json)["alarms"]}
+    return {alarm["rule"]: alarm for alarm in reply.data["alarms"]}
 
 
 class TestAlarms:
@@ -308,7 +308,7 @@ class TestAlarms:
         near = alarms_of(after)["near"]
         assert (near["acknowledged_by"], near["why"], near["count"]) == ("Zoë", "on my way", 1)
         assert near["raised_unix_s"] < near["acknowledged_unix_s"] < near["cleared_unix_s"]
-        kinds = [event["kind"] for event in json.loads(after.json)["events"] if event["source"] == "near"]
+        kinds = [event["kind"] for event in after.data["events"] if event["source"] == "near"]
         assert sorted(kinds) == ["acknowledged", "cleared", "raised"]
 
 

@@ -24,7 +24,6 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Loop
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.home_assistant import Announcement
-from stadimeter.messaging import broker_link
 from stadimeter.testing.rig import eventually
 from support.broker import HOST, MosquittoBroker
 from support.debian_root import DebianRoot, make_root, why_no_root
@@ -192,10 +191,7 @@ class Run:
         self._thread.join(120)
 
 
-def test_home_assistant_shows_what_a_run_publishes_from_its_start_to_its_end(
-    home, broker, tmp_path, closing, monkeypatch
-):
-    monkeypatch.setattr(broker_link, "BIRTH_SPREAD_S", 0.1)
+def test_home_assistant_shows_what_a_run_publishes_from_its_start_to_its_end(home, broker, tmp_path, closing):
     run = Run(tmp_path, broker.port)
     closing.callback(run.close)
 

@@ -154,18 +154,18 @@ def test_a_device_reads_its_commands_and_its_own_list_of_what_the_broker_keeps_a
     operator.publish("stadimeter/attic/request/acknowledge", "{}")
     operator.publish("stadimeter/garage/request/acknowledge", "{}")
     garage.publish("stadimeter/garage/event/alarm", "raised")
-    garage.publish("stadimeter/garage/retained/garage/0", "[]")
+    garage.publish("stadimeter/garage/retained/garage", "[]")
     eventually(lambda: len(garage.heard) >= 2)
     assert garage.heard == [
         ("stadimeter/garage/request/acknowledge", b"{}"),
-        ("stadimeter/garage/retained/garage/0", b"[]"),
+        ("stadimeter/garage/retained/garage", b"[]"),
     ]
 
 
 def test_an_operator_gives_commands_and_cannot_publish_as_a_device(connect):
     reader, operator, garage = connect("dashboard"), connect("homeassistant"), connect("garage")
     reader.listen()
-    for topic in ("event/alarm", "availability", "response/acknowledge", "retained/garage/0"):
+    for topic in ("event/alarm", "availability", "response/acknowledge", "retained/garage"):
         operator.publish(f"stadimeter/garage/{topic}", "forged")
     operator.publish("stadimeter/garage/request/acknowledge", "{}")
     garage.publish("stadimeter/garage/response/acknowledge", "answered")
@@ -185,10 +185,10 @@ def test_a_reader_hears_alarms_and_no_pictures_and_gives_no_commands(connect):
     garage.publish("stadimeter/garage/snapshot", "a picture")
     garage.publish("stadimeter/garage/event/alarm", "raised")
     eventually(lambda: reader.heard)
-    garage.publish("stadimeter/garage/retained/garage/0", "[]")
+    garage.publish("stadimeter/garage/retained/garage", "[]")
     eventually(lambda: garage.heard)
     assert reader.heard[0] == ("stadimeter/garage/event/alarm", b"raised")
-    assert garage.heard == [("stadimeter/garage/retained/garage/0", b"[]")]
+    assert garage.heard == [("stadimeter/garage/retained/garage", b"[]")]
 
 
 def test_neither_a_reader_nor_an_operator_is_a_device(connect):

@@ -21,7 +21,6 @@ from stadimeter.core.home_assistant import (
     is_entry,
 )
 from stadimeter.core.message import Message
-from stadimeter.messaging import broker_link
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.testing.rig import eventually
 from support.broker import HOST
@@ -87,7 +86,7 @@ def test_it_is_announced_once_connected_and_kept_for_a_home_assistant_that_start
 def test_what_is_no_more_after_a_restart_is_removed_by_one_message_and_then_left_out(broker, make_messenger, listen):
     first = ran(make_messenger(broker.port), announcement("near", "far"))
     witness = listen(broker.port)
-    witness.wait_for("stadimeter/it/retained/it/0")
+    witness.wait_for("stadimeter/it/retained/it")
     eventually(lambda: not first.undelivered())
     first.close()
     ran(make_messenger(broker.port), announcement("far", "new"))
@@ -98,7 +97,7 @@ def test_what_is_no_more_after_a_restart_is_removed_by_one_message_and_then_left
 def test_a_reload_removes_and_adds_at_once(broker, make_messenger, listen):
     messenger = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
-    witness.wait_for("stadimeter/it/retained/it/0")
+    witness.wait_for("stadimeter/it/retained/it")
     ran(messenger, announcement("far"), opens=False)
     eventually(lambda: keys_of(witness)[-2:] == [["far", "near"], ["far"]])
 
@@ -108,7 +107,7 @@ def test_a_reload_removes_and_adds_at_once(broker, make_messenger, listen):
 def test_a_device_that_is_announced_elsewhere_or_no_more_leaves_no_ghost(now, broker, make_messenger, listen):
     first = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
-    witness.wait_for("stadimeter/it/retained/it/0")
+    witness.wait_for("stadimeter/it/retained/it")
     eventually(lambda: not first.undelivered())
     first.close()
     messenger = make_messenger(broker.port, **now)
@@ -120,13 +119,10 @@ def test_a_device_that_is_announced_elsewhere_or_no_more_leaves_no_ghost(now, br
 
 
 @pytest.mark.long
-def test_after_the_birth_of_home_assistant_it_is_announced_again_and_states_are_due(
-    broker, make_messenger, listen, monkeypatch
-):
-    monkeypatch.setattr(broker_link, "BIRTH_SPREAD_S", 0.01)
+def test_after_the_birth_of_home_assistant_it_is_announced_again_and_states_are_due(broker, make_messenger, listen):
     messenger = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
-    witness.wait_for("stadimeter/it/retained/it/0")
+    witness.wait_for("stadimeter/it/retained/it")
     before = len(witness.payloads(CONFIG))
     assert not messenger.take_states_due(), "what it publishes is sent at the start anyway"
     for payload in ("offline", "online"):
@@ -136,19 +132,18 @@ def test_after_the_birth_of_home_assistant_it_is_announced_again_and_states_are_
     assert not messenger.take_states_due()
 
 
-def test_a_birth_that_the_broker_has_kept_is_none(broker, make_messenger, listen, monkeypatch):
-    monkeypatch.setattr(broker_link, "BIRTH_SPREAD_S", 0.0)
+def test_a_birth_that_the_broker_has_kept_is_none(broker, make_messenger, listen):
     publish.single(BIRTH, "online", qos=1, retain=True, hostname=HOST, port=broker.port)
     messenger = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
-    witness.wait_for("stadimeter/it/retained/it/0")  # written half a second after both subscriptions
+    witness.wait_for("stadimeter/it/retained/it")  # written after both subscriptions
     assert not messenger.take_states_due()
 
 
 @pytest.mark.long
 def test_a_broker_that_forgot_all_gets_all_again(broker, make_messenger, listen):
     messenger = ran(make_messenger(broker.port), announcement("near"))
-    listen(broker.port).wait_for("stadimeter/it/retained/it/0")  # by this list it knows that there was something
+    listen(broker.port).wait_for("stadimeter/it/retained/it")  # by this list it knows that there was something
     eventually(lambda: not messenger.undelivered())  # else the list is sent again, and the broker has it
     assert not messenger.take_forgotten()
     broker.stop()
@@ -162,7 +157,7 @@ def test_a_broker_that_forgot_all_gets_all_again(broker, make_messenger, listen)
 def test_a_broker_that_remembers_is_not_sent_messages_of_one_s_own_again(broker, make_messenger, lay_tunnel, listen):
     tunnel = lay_tunnel(broker.port)
     messenger = ran(make_messenger(tunnel.port), announcement("near"))
-    listen(broker.port).wait_for("stadimeter/it/retained/it/0")
+    listen(broker.port).wait_for("stadimeter/it/retained/it")
     tunnel.cut()
     tunnel.mend()
     eventually(messenger.take_states_due)
@@ -193,9 +188,7 @@ def test_a_broker_that_forbids_the_topic_is_reported_with_its_name(start_broker,
 def test_a_list_that_somebody_else_wrote_removes_no_other_device(broker, make_messenger, listen):
     others = ["device#homeassistant/device/zigbee/config", "device#homeassistant/device/stadimeter_attic/config"]
     forged = [*others, "component#nonsense/x", "component#sensor/", "component#sensor/gone", "device#"]
-    publish.single(
-        "stadimeter/it/retained/it/0", json.dumps(forged), qos=1, retain=True, hostname=HOST, port=broker.port
-    )
+    publish.single("stadimeter/it/retained/it", json.dumps(forged), qos=1, retain=True, hostname=HOST, port=broker.port)
     witness = listen(broker.port)
     ran(make_messenger(broker.port), announcement("near"))
     eventually(lambda: keys_of(witness)[-2:] == [["near", "gone"], ["near"]])

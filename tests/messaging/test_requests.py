@@ -6,14 +6,15 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from paho.mqtt.client import MQTTMessage
 
-from stadimeter.messaging import broker_link
 from stadimeter.messaging.broker_link import RequestTopics
 from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
+from stadimeter.messaging.mqtt_client import LinkEvents
 from stadimeter.messaging.protocol import RequestMessage
 from stadimeter.testing.rig import eventually
 from support.broker import HOST, MosquittoBroker
@@ -108,26 +109,6 @@ def test_a_session_of_311_keeps_nothing_while_we_are_away(broker, make_messenger
     assert all(each.payload == b"now" for each in inbox.messages)
 
 
-@pytest.fixture
-def patient_flood(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(broker_link, "LEFT_FOR_S", 1.0)
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("patient_flood")
-def test_a_flooded_topic_is_left_for_a_while_and_the_others_are_heard(broker, make_messenger, ask):
-    asker = ask(broker.port)
-    inbox = connected(Inbox(make_messenger(broker.port, protocol="5"), ACTION, "request/stop-outputs"), asker)
-    flooded = "it is not listened to for"
-    eventually(lambda: [asker.send("reset", "x") for _ in range(100)] and flooded in inbox.messenger.deafness())
-    eventually(lambda: asker.send("stop-outputs", "{}") and any("stop" in each.topic for each in inbox.messages))
-    assert "too_many" in inbox.refusals()
-    eventually(lambda: not inbox.messenger.deafness())
-    inbox.messages.clear()
-    eventually(lambda: asker.send("reset", "later") and any(each.payload == b"later" for each in inbox.messages))
-    assert inbox.messenger.trouble() == ""
-
-
 def test_a_message_that_is_too_large_costs_a_311_connection_and_three_end_the_listening(broker, make_messenger, ask):
     asker = ask(broker.port, is_v5=False)
     inbox = connected(Inbox(make_messenger(broker.port, protocol="3.1.1")), asker)
@@ -214,7 +195,7 @@ class FakeMessage(MQTTMessage):
 def test_a_response_goes_to_no_topic_of_ours_and_to_none_that_cannot_be_published_to(wanted, heeded):
     received: list[RequestMessage] = []
     topics = RequestTopics(MqttOptions(node="it"), [ACTION], received.append)
-    topics.begin(is_v5=True)
+    topics.begin_over(LinkEvents(MqttOptions(node="it")), is_v5=True)
     known = [topics.identifier]
     topics.hear(FakeMessage(f"stadimeter/it/{ACTION}", ResponseTopic=wanted, SubscriptionIdentifier=known))
     topics.hear(FakeMessage("stadimeter/it/request/other", SubscriptionIdentifier=known))
@@ -222,9 +203,16 @@ def test_a_response_goes_to_no_topic_of_ours_and_to_none_that_cannot_be_publishe
 
 
 def test_a_broker_that_cannot_mark_messages_is_not_listened_to_with_mqtt_5():
+    asked: list[Any] = []
+    events = LinkEvents(MqttOptions(node="it"))
+    events.has_identifiers = False
+    client: Any = SimpleNamespace(subscribe=lambda topics: asked.append(topics) or (0, 1))
     topics = RequestTopics(MqttOptions(node="it"), [ACTION], lambda _message: None)
-    topics.begin(is_v5=True, trouble="it cannot mark old messages")
-    assert (topics.due(0.0), topics.trouble()) == (([], []), "it cannot mark old messages")
-    topics.begin(is_v5=False)
-    assert topics.due(0.0) == ([f"stadimeter/it/{ACTION}"], [])
-    assert topics.due(1.0) == ([], [])
+    topics.begin_over(events, is_v5=True)
+    topics.attend(client, events)
+    assert "cannot mark old messages" in topics.trouble()
+    assert asked == []
+    topics.begin_over(events, is_v5=False)
+    topics.attend(client, events)
+    topics.attend(client, events)
+    assert asked == [[(f"stadimeter/it/{ACTION}", 1)]]

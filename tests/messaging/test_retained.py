@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.message import Message, clearing
-from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
-from stadimeter.messaging.mqtt_client import PAGE_PACKET_MAX
-from stadimeter.messaging.outbox import RetainedList
+from stadimeter.messaging.mqtt import PahoMessenger
+from stadimeter.messaging.mqtt_client import PACKET_MAX
+from stadimeter.messaging.outbox import LIST_MAX_BYTES, RetainedList
 from stadimeter.testing.rig import eventually
 from support.mqtt_listener import MqttListener
 
 BASE = "stadimeter/it"
-PAGE = f"{BASE}/retained/it/0"
+PAGE = f"{BASE}/retained/it"
 
 
 def state(rule: str) -> Message:
@@ -56,7 +56,7 @@ def test_a_rule_that_was_renamed_is_forgotten_by_the_broker_when_the_next_run_co
     witness.wait_for(f"{BASE}/rule/near/state", "")
     witness.wait_for(f"{BASE}/door/alert", "")
     eventually(lambda: set(kept(witness)) == {
-        "availability", "rule/nearer/state", "rule/far/state", "retained/it/0",
+        "availability", "rule/nearer/state", "rule/far/state", "retained/it",
     })  # fmt: skip
     assert witness.payloads(f"{BASE}/rule/far/state") == ["far", "far"]
 
@@ -110,9 +110,9 @@ def test_the_list_is_written_though_the_broker_answers_before_the_run_knows_what
 def test_another_node_below_the_same_base_keeps_its_own(broker, make_messenger, listen):
     witness = listen(broker.port)
     ran(make_messenger(broker.port, node="one", base_topic="home"), "near")
-    witness.wait_for("home/retained/one/0")
+    witness.wait_for("home/retained/one")
     ran(make_messenger(broker.port, node="two", base_topic="home"), "far")
-    witness.wait_for("home/retained/two/0")
+    witness.wait_for("home/retained/two")
     assert witness.payloads("home/rule/near/state") == ["near"]
 
 
@@ -120,7 +120,7 @@ def test_a_list_that_somebody_else_wrote_clears_nothing_but_rules_and_messages_o
     writer = make_messenger(broker.port, node="writer", base_topic=BASE)
     evil = [
         "availability",
-        "retained/other/0",
+        "retained/other",
         "../up",
         "#",
         "rule/+/state",
@@ -132,8 +132,7 @@ def test_a_list_that_somebody_else_wrote_clears_nothing_but_rules_and_messages_o
     ]
     writer.open()
     for topic, payload in [
-        ("retained/it/0", json.dumps([*evil, "rule/gone/state"])),
-        ("retained/it/1", "{"),
+        ("retained/it", json.dumps([*evil, "rule/gone/state"])),
         ("up", "x"),
     ]:
         writer.publish(Message(topic=topic, payload=payload, qos=1, retain=True))
@@ -141,16 +140,15 @@ def test_a_list_that_somebody_else_wrote_clears_nothing_but_rules_and_messages_o
     witness = listen(broker.port)
     ran(make_messenger(broker.port), "near")
     witness.wait_for(f"{BASE}/rule/gone/state", "")
-    witness.wait_for(f"{BASE}/retained/it/1", "")
     cleared = {heard.topic.removeprefix(f"{BASE}/") for heard in witness.heard if not heard.payload}
-    assert cleared == {"rule/gone/state", "retained/it/1", "../up"}  # which is below the base, and nobody's parent
+    assert cleared == {"rule/gone/state", "../up"}  # which is below the base, and nobody's parent
 
 
 @pytest.mark.parametrize("protocol", ["3.1.1", "auto"])
-def test_a_page_that_is_too_large_costs_one_connection_at_most(protocol, broker, make_messenger, listen):
+def test_a_list_that_is_too_large_costs_one_connection_at_most(protocol, broker, make_messenger, listen):
     writer = make_messenger(broker.port, node="writer", base_topic=BASE)
     writer.open()
-    writer.publish(Message(topic="retained/it/0", payload="x" * 50_000, qos=1, retain=True))
+    writer.publish(Message(topic="retained/it", payload="x" * 500_000, qos=1, retain=True))
     eventually(lambda: not writer.undelivered() and not writer.trouble())
     messenger = make_messenger(broker.port, protocol=protocol)
     messenger.retain_only(topics("near"))
@@ -168,22 +166,16 @@ def test_a_login_that_may_write_only_publishes_as_before(broker, start_broker, m
     assert (messenger.trouble(), messenger.given_up) == ("", 0)
 
 
-@given(
-    names=st.sets(st.text(st.characters(codec="utf-8", exclude_characters="+#\0"), min_size=1), max_size=60),
-    room_bytes=st.integers(20, 900),
-)
-def test_what_fits_on_pages_is_read_back_from_them(names, room_bytes):
-    written = RetainedList("retained/it", room_bytes, "it")
+@given(names=st.sets(st.text(st.characters(codec="utf-8", exclude_characters="+#\0"), min_size=1), max_size=60))
+def test_what_is_listed_is_read_back(names):
+    written = RetainedList("retained/it", "it")
     written.retain_only(frozenset(f"my/{name}" for name in names))
-    read = RetainedList("retained/it", room_bytes, "it")
+    read = RetainedList("retained/it", "it")
     read.retain_only(frozenset())
-    for page in written.finish():
-        assert len(page.payload.encode()) <= room_bytes
-        read.hear(page.topic.rpartition("/")[2], page.payload.encode())
+    for message in written.finish():
+        read.hear(message.payload.encode())
     cleared = {message.topic for message in read.finish() if not message.topic.startswith("retained/")}
-    assert cleared <= {f"my/{name}" for name in names}
-    short = {f"my/{name}" for name in names if name.isprintable() and len(json.dumps(f"my/{name}")) + 2 <= room_bytes}
-    assert cleared == short
+    assert cleared == {f"my/{name}" for name in names if name.isprintable()}
 
 
 def test_a_rule_that_is_gone_becomes_unavailable_before_it_is_forgotten():
@@ -196,20 +188,20 @@ def test_a_rule_that_is_gone_becomes_unavailable_before_it_is_forgotten():
 
 
 def test_the_settings_of_a_rule_that_is_gone_are_forgotten():
-    written = RetainedList("retained/it", 1000, "it")
+    written = RetainedList("retained/it", "it")
     written.retain_only(frozenset({"rule/near/settings", "rule/near/whatever"}))
-    read = RetainedList("retained/it", 1000, "it")
+    read = RetainedList("retained/it", "it")
     read.retain_only(frozenset())
-    for page in written.finish():
-        read.hear("0", page.payload.encode())
-    assert Message(topic="rule/near/settings", payload="", qos=1, retain=True) in read.finish()
-    assert not any("whatever" in message.topic for message in read.finish())
+    for message in written.finish():
+        read.hear(message.payload.encode())
+    cleared = read.finish()
+    assert Message(topic="rule/near/settings", payload="", qos=1, retain=True) in cleared
+    assert not any("whatever" in message.topic for message in cleared)
 
 
-def test_a_base_topic_of_any_length_leaves_no_page_larger_than_what_is_read():
-    for length in (1, 500, 5000):
-        options = MqttOptions(node="it", base_topic="b" * length)
-        pages = RetainedList(options.retained_topic, options.retained_page_bytes, options.node)
-        pages.retain_only(topics(*(f"rule-{number}" for number in range(100))))
-        for page in pages.finish() if pages.is_wanted else ():
-            assert len(f"{options.base}/{page.topic}{page.payload}".encode()) < PAGE_PACKET_MAX - 30
+def test_of_more_rules_than_a_list_has_room_for_the_rest_is_left_out_and_the_list_is_read_back():
+    listed = RetainedList("retained/it", "it")
+    listed.retain_only(topics(*(f"rule-{number}" for number in range(20_000))))
+    (message,) = listed.finish()
+    assert 150_000 < len(message.payload.encode()) <= LIST_MAX_BYTES < PACKET_MAX - 8192
+    assert len(json.loads(message.payload)) > 5000

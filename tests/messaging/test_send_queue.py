@@ -9,7 +9,6 @@ from typing import Any
 from paho.mqtt.client import Client, MQTTMessageInfo
 
 from stadimeter.core.message import Message
-from stadimeter.messaging.broker_link import INCOMING_MAX
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.testing.rig import eventually
 
@@ -36,7 +35,7 @@ def test_publishing_does_not_wait_for_a_thread_that_is_in_paho(broker, make_mess
         return publish(*args, **options)
 
     monkeypatch.setattr(Client, "publish", hang)
-    count = 3 * INCOMING_MAX
+    count = 150
     messenger.publish(alarm(0))
     assert is_in_paho.wait(60.0)
     for number in range(1, count):

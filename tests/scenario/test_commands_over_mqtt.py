@@ -24,7 +24,6 @@ from stadimeter.app.control.mqtt_requests import OFFERS
 from stadimeter.app.loop import Loop
 from stadimeter.cli.run_control import open_control_socket
 from stadimeter.config.loader import load_configuration
-from stadimeter.messaging import broker_link
 from stadimeter.operator_actions import OperatorAction
 from stadimeter.testing.rig import eventually
 from stadimeter.workbench.replay.replay import read_recording, replay_run
@@ -133,9 +132,9 @@ def start(tmp_path: Path, broker: MosquittoBroker, closing: ExitStack) -> Start:
 def test_every_row_of_the_table_of_actions_can_be_asked_for_and_nothing_that_moves_by_itself() -> None:
     assert {each.value for each in OperatorAction} < set(OFFERS)
     assert {"status", "alarms", "explain", "calibrate", "record", "reload", "snapshot"} < set(OFFERS)
-    assert {offer.op for offer in OFFERS.values()} <= set(ARGS)
-    assert not {"hold-output", "world", "restart"} & {offer.op for offer in OFFERS.values()}
-    assert {name for name, offer in OFFERS.items() if offer.needs_all} == {
+    assert {op for op, _ in OFFERS.values()} <= set(ARGS)
+    assert not {"hold-output", "world", "restart"} & {op for op, _ in OFFERS.values()}
+    assert {name for name, (_, needs_all) in OFFERS.items() if needs_all} == {
         "arm", "clip", "confirm-mounting", "release-outputs", "record", "reload", "snapshot",
     }  # fmt: skip
 
@@ -306,10 +305,8 @@ FLOOD = 40
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("action", OFFERS)
 def test_messages_of_any_kind_move_nothing_and_each_is_counted(
-    action: str, start: Start, broker: MosquittoBroker, closing: ExitStack, monkeypatch: pytest.MonkeyPatch
+    action: str, start: Start, broker: MosquittoBroker, closing: ExitStack
 ) -> None:
-    monkeypatch.setattr(broker_link, "RATE_HZ", 1e9)  # else most messages would not even be looked into
-    monkeypatch.setattr(broker_link, "FLOOD", 10**9)
     run, asker = start(protocol="5", commands="alarms")
     asker.ask("stop-outputs", why="nothing must move from now on")
     counted_before, before = sum_of(run.commands), len(run.records)
@@ -361,17 +358,13 @@ def make_payload(rng: random.Random) -> bytes:
 
 
 @pytest.mark.long
-def test_a_flood_holds_up_neither_the_loop_nor_a_stop(
-    start: Start, broker: MosquittoBroker, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(broker_link, "RATE_HZ", 0.1)  # else a slow machine sends no more than is taken
+def test_a_flood_holds_up_neither_the_loop_nor_a_stop(start: Start, broker: MosquittoBroker) -> None:
     run, asker = start(protocol="5")
     before, flooded = len(run.records), OFFERS.keys() - {"stop-outputs", "status"}
     for _ in range(FLOOD):
         for name in flooded:
             asker.send(name, b'{"rule": "no such rule"}')
     assert "words" in asker.ask("stop-outputs")
-    eventually(lambda: run.commands["refused"].get("too_many", 0) > 16)
     eventually(lambda: len(run.records) > before + 10)
     assert run.loop.troubles == []
     assert [given for given, _, _ in run.given() if given in {"arm", "release-outputs"}] == []

@@ -227,7 +227,7 @@ def run_until_raised(changing_site, end):
     with changing_site.running() as process:
         eventually(lambda: changing_site.is_active("near"))
         eventually(lambda: changing_site.listener.payloads(f"{BASE}/near/door"))
-        eventually(lambda: any("near" in page for page in changing_site.listener.payloads(f"{BASE}/retained/it/0")))
+        eventually(lambda: any("near" in page for page in changing_site.listener.payloads(f"{BASE}/retained/it")))
         process.send_signal(end)
         process.wait()
 

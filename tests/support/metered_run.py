@@ -10,7 +10,7 @@ from typing import Any
 from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.app.live.health import THERMAL, Board
 from stadimeter.app.live.history import RunHistory
-from stadimeter.app.live.metrics import metric_families, metrics_json
+from stadimeter.app.live.metrics import metric_families
 from stadimeter.app.live.snapshot import LiveFeed, Surroundings
 from stadimeter.testing.rig import ManualClock
 from support.cycle_records import cycle_record
@@ -35,9 +35,9 @@ class MeteredRun:
         self.feed = LiveFeed(self.clock, self.history, around, board)
         self.control = ControlSocket(folder / "run.sock", dict, metrics=self.metrics)
 
-    def metrics(self) -> str:
+    def metrics(self) -> object:
         self.asked += 1
-        return metrics_json(metric_families(self.feed, lambda: self.deliveries))
+        return metric_families(self.feed, lambda: self.deliveries)
 
     def cycle(self, **changes: Any) -> None:
         """Take in a cycle a tenth of a second later."""

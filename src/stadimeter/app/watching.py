@@ -11,12 +11,11 @@ costs it least.
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -36,13 +35,12 @@ from stadimeter.app.live.history import RunHistory, Seen, newer
 from stadimeter.app.live.pictures import Pictures, drawn
 from stadimeter.app.live.snapshot import (
     LiveFeed,
-    ReasonsInTurn,
     RunSnapshot,
     Surroundings,
-    events_json,
+    events_data,
     frame_data,
-    samples_json,
-    shared_json,
+    samples_data,
+    shared_data,
 )
 from stadimeter.app.service import is_service
 from stadimeter.config.camera_file import camera_file_text
@@ -70,9 +68,6 @@ PERIOD_S = 0.1
 # A frame that comes this much before it is time counts as in time: frames never come evenly.
 EARLY_S = 0.015
 
-# A frame is looked for this long after it is expected, so as not to take the interpreter from the loop.
-AFTER_S = 0.0015
-
 # From then on it is looked for this often.
 LOOK_EVERY_S = 0.003
 
@@ -93,7 +88,7 @@ class _Moment(Struct, frozen=True, kw_only=True):
 
     number: int
     snapshot: RunSnapshot
-    shared: str
+    shared: Mapping[str, Any]
     unix_offset_s: float
 
 
@@ -127,7 +122,6 @@ class Subscriptions(Struct):
     _told: Seen | None = None
     _number: int = 0
     _moment: _Moment | None = None
-    _reasons: ReasonsInTurn = field(default_factory=ReasonsInTurn)
     _pictures: Pictures = field(default_factory=Pictures)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -198,18 +192,10 @@ class Subscriptions(Struct):
     def _wait_for_news(self) -> None:
         """Return when it is time for a snapshot: with a new frame if one comes, and no later if none does."""
         history, latest_s = self.feed.history, self._told_s + WITHOUT_FRAME_S
-        due_s = self._after_frame_s(self._told_s + PERIOD_S - EARLY_S)
-        time.sleep(max(0.0, min(due_s, latest_s) - time.monotonic()))
+        time.sleep(max(0.0, self._told_s + PERIOD_S - EARLY_S - time.monotonic()))
         while history.seen is self._told and self._all and time.monotonic() < latest_s:
             time.sleep(LOOK_EVERY_S)
         self._told, self._told_s = history.seen, time.monotonic()
-
-    def _after_frame_s(self, due_s: float) -> float:
-        """Return when the loop will be done with the first frame after a time, if frames go on as they came."""
-        rate_hz, last_s = self.feed.history.frame_rate_hz, self.feed.history.frame_at_s
-        if not rate_hz:
-            return due_s
-        return last_s + math.ceil(max(0.0, due_s - last_s) * rate_hz) / rate_hz + AFTER_S
 
     def _message(self, to: _Subscription) -> Reply:
         """Return the newest snapshot for one viewer."""
@@ -222,19 +208,19 @@ class Subscriptions(Struct):
             jpeg = self._pictures.jpeg(seen, to.args.image, to.args.quality) if seen is not None and is_new else b""
         to.frame = seen.frame if seen is not None else None
         new = [each for each in snapshot.events if each.sequence > to.after_event]
-        events = events_json(reversed(new[: FIRST_EVENTS_MAX if to.after_event < 0 else None]), moment.unix_offset_s)
+        events = events_data(reversed(new[: FIRST_EVENTS_MAX if to.after_event < 0 else None]), moment.unix_offset_s)
         samples = {name: newer(found, to.after_s) for name, found in snapshot.samples.items()}
         to.after_event = max((each.sequence for each in new), default=to.after_event)
         to.after_s = max((found[-1].at_s for found in samples.values() if found), default=to.after_s)
-        age = f'"cycle_age_s":{self.feed.cycle_age_s():.3f}'
-        news = f'"events":{events},"samples":{samples_json(samples)}'
-        return Reply(json=f"{moment.shared},{age},{news}}}", attached=jpeg)
+        age_s = round(self.feed.cycle_age_s(), 3)
+        news = {"cycle_age_s": age_s, "events": events, "samples": samples_data(samples)}
+        return Reply({**moment.shared, **news}, attached=jpeg)
 
     def _newest(self) -> _Moment:
         """Return the snapshot that all get who were woken at the same time."""
         if self._moment is None or self._moment.number != self._number:
             snapshot, offset_s = self.feed.snapshot(), self.feed.unix_offset_s()
-            shared = shared_json(snapshot, self._number, self.feed.clock.now_s(), offset_s, self._reasons)
+            shared = shared_data(snapshot, self._number, self.feed.clock.now_s(), offset_s)
             self._moment = _Moment(number=self._number, snapshot=snapshot, shared=shared, unix_offset_s=offset_s)
         return self._moment
 
@@ -286,7 +272,7 @@ def _surroundings(loop: Loop) -> Surroundings:
 
 
 @contextmanager
-def attend_to_requests(loop: Loop, requests: Requests) -> Iterator[None]:
+def attend_to_requests(loop: Loop, sources: Iterable[Requests]) -> Iterator[None]:
     """Connect the requests of operators to a run that has not begun, while in the context."""
     services, configuration = loop.services, loop.parts.configuration
     restarter = Restarter(partial(build_parts, configuration.path))
@@ -305,7 +291,7 @@ def attend_to_requests(loop: Loop, requests: Requests) -> Iterator[None]:
     loop.listeners += recordings
     services.restarter, services.recording = restarter, recording
     services.control = Control(
-        requests,
+        sources,
         Reloader(configuration),
         deliveries=loop.deliveries.figures,
         acts=acts,
@@ -350,12 +336,8 @@ def _answer_alarms(state: State | None, history: RunHistory, answer: Answer) -> 
         answer(Reply(error="no cycle yet"))
         return
     offset_s, decision, events = time.time() - state.now_s, history.record.decision, tuple(history.events)
-
-    def reply() -> Reply:
-        alarms = json.dumps(_alarms(state, decision, events, offset_s), allow_nan=False)
-        return Reply(json=f'{{"alarms":{alarms},"events":{events_json(events, offset_s)}}}')
-
-    answer(reply)
+    told = events_data(events, offset_s)
+    answer(lambda: Reply({"alarms": _alarms(state, decision, events, offset_s), "events": told}))
 
 
 def _alarms(state: State, decision: Decision, events: tuple[Event, ...], offset_s: float) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stadimeter.app.control.requests import JoinedRequests, Requests
+from stadimeter.app.control.requests import Requests
 from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.app.persistence.resumption import clock_name, moment
 from stadimeter.app.persistence.state_writer import StateWriter, state_file
@@ -39,10 +39,10 @@ def open_alarm_store(loop: Loop, named: Path | None, is_right: Callable[[], bool
     loop.services.memory = StateWriter(store, partial(moment, clock, is_right=is_right), loop.deliveries)
 
 
-def _metrics(feed: LiveFeed, deliveries: Callable[[], list[dict[str, Any]]]) -> str:
-    from stadimeter.app.live.metrics import metric_families, metrics_json  # noqa: PLC0415 - few runs are asked for them
+def _metrics(feed: LiveFeed, deliveries: Callable[[], list[dict[str, Any]]]) -> object:
+    from stadimeter.app.live.metrics import metric_families  # noqa: PLC0415 - few runs are asked for them
 
-    return metrics_json(metric_families(feed, deliveries))
+    return metric_families(feed, deliveries)
 
 
 def open_control_socket(loop: Loop, socket: Path | None, closing: ExitStack) -> None:
@@ -63,16 +63,16 @@ def open_control_socket(loop: Loop, socket: Path | None, closing: ExitStack) -> 
         loop.services.tell(f"warning: {error}; this run takes no operator commands of this computer")
     else:
         sources.append(listener)
-    remote = _listen_to_messages(loop, watched, closing)
+    remote = _listen_to_messages(loop, watched)
     if remote is not None:
         sources.append(remote)
     if sources:
-        closing.enter_context(attend_to_requests(loop, JoinedRequests(sources)))
+        closing.enter_context(attend_to_requests(loop, sources))
     if remote is not None and (control := loop.services.control) is not None:
         control.message_figures = remote.figures
 
 
-def _listen_to_messages(loop: Loop, watched: Subscriptions, closing: ExitStack) -> MqttRequests | None:
+def _listen_to_messages(loop: Loop, watched: Subscriptions) -> MqttRequests | None:
     """Take the requests of other programs, if the messenger can and may; return where they come from."""
     messenger: object = loop.parts.messenger
     if not isinstance(messenger, TakesRequests) or messenger.commands == "off":
@@ -80,6 +80,5 @@ def _listen_to_messages(loop: Loop, watched: Subscriptions, closing: ExitStack) 
     from stadimeter.app.control.mqtt_requests import MqttRequests  # noqa: PLC0415 - many runs have no messenger
 
     remote = MqttRequests(messenger, watched.frame, loop.services.tell)
-    closing.callback(remote.close)
     remote.open()
     return remote

@@ -113,8 +113,8 @@ SYSTEM_EVENT = OwnTopic(path="event/system")
 REQUEST = OwnTopic(path="request/*")
 RESPONSE = OwnTopic(path="response/*", qos=0)
 SNAPSHOT = OwnTopic(path="snapshot", qos=0)
-# The pages of the list of what the broker keeps, for the program itself; see `stadimeter.messaging.outbox`.
-RETAINED = OwnTopic(path="retained/*/*", retain=True)
+# The list of what the broker keeps, for the program itself; see `stadimeter.messaging.outbox`.
+RETAINED = OwnTopic(path="retained/*", retain=True)
 
 OWN_TOPICS = (
     AVAILABILITY, INFO, TARGET_STATE, RULE_STATE, RULE_AVAILABILITY, RULE_SETTINGS, FIGURE_STATE, CAMERA_STATE,

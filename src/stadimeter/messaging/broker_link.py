@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import random
 import select
@@ -10,17 +9,14 @@ import socket
 import struct
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from msgspec import Struct
 from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.enums import MQTTErrorCode, MQTTProtocolVersion
 from paho.mqtt.properties import MQTTException  # type: ignore[attr-defined] # paho 2.1 and 2.2 both have it there
-from paho.mqtt.reasoncodes import ReasonCode
 
 from stadimeter.core.home_assistant import Announcement
 from stadimeter.core.message import AVAILABILITY, RETAINED, Message
@@ -42,11 +38,8 @@ from stadimeter.messaging.protocol import NoRequest, RequestMessage
 
 # What a broker keeps of a run, and what Home Assistant discovers of it, over every connection -------
 
-# Time after the confirmed subscription within which every page of the list of retained topics arrives.
+# Time after the confirmed subscription within which the list of retained topics arrives, if there is one.
 LIST_ENDS_S = 0.5
-
-# Home Assistant asks devices to answer its start after a time at random, so that not all do at once.
-BIRTH_SPREAD_S = 5.0
 
 
 class RetainedTopics:
@@ -55,19 +48,18 @@ class RetainedTopics:
     `retain_only`, `announce` and what is taken may be called in any thread, all else in the link's.
 
     Attributes:
-        is_reading: Whether pages of the list may still come.
+        is_reading: Whether the list may still come.
     """
 
     def __init__(self, options: MqttSettings, queue: SendQueue) -> None:
         self._options = options
         self._queue = queue
         self._lock = threading.Lock()
-        self._list = RetainedList(options.retained_topic, options.retained_page_bytes, options.node)
-        self._topic = f"{options.base}/{options.retained_topic}/+"
+        self._list = RetainedList(options.retained_topic, options.node)
+        self._topic = f"{options.base}/{options.retained_topic}"
         self._is_to_begin = False
         self.is_reading = False
         self._subscription: int | None = None
-        self._birth_due_s = math.inf
         self._was_connected = False
         self._are_states_due = self._is_forgotten = False
 
@@ -102,6 +94,7 @@ class RetainedTopics:
         """Begin anew over a connection, unless an oversized packet came that way before."""
         self._are_states_due, self._was_connected = self._was_connected, True
         self._is_to_begin = True
+        events.handlers[self._topic] = self._on_list
         if self._options.discovery_place is not None and not events.oversized_packets:
             birth_topic = f"{self._options.discovery_prefix}/status"  # there Home Assistant says that it begins
             events.handlers[birth_topic] = self._on_birth
@@ -121,22 +114,17 @@ class RetainedTopics:
                 self.is_reading = self._list.is_wanted and not events.oversized_packets
                 if not self.is_reading:
                     self._send(self._list.announced())
-            if time.monotonic() >= self._birth_due_s:
-                self._birth_due_s, self._are_states_due = math.inf, True
-                self._send(self._list.announced())
         if is_to_begin and self.is_reading:
             _, self._subscription = client.subscribe(self._topic, qos=0)
         elif self.is_reading:
             self.read(client, events)
 
     def read(self, client: Client, events: LinkEvents, *, is_last: bool = False) -> None:
-        """Take in pages; when all have come, clear what is no longer published, and write the list anew."""
+        """When the list has come, or does not, clear what is no longer published, and write the list anew."""
         subscribed_at_s = events.subscribed_at_s.get(self._subscription)
         is_over = subscribed_at_s is not None and (is_last or time.monotonic() - subscribed_at_s >= LIST_ENDS_S)
         with self._lock:
-            for number, payload in events.take_pages():
-                self._list.hear(number, payload)
-            if not is_over:
+            if not is_over and not self._list.text:
                 return
             self.is_reading = False
             self._is_forgotten = self._is_forgotten or self._list.is_forgotten
@@ -145,7 +133,13 @@ class RetainedTopics:
 
     def _on_birth(self, message: MQTTMessage) -> None:
         if message.payload == b"online" and not message.retain:
-            self._birth_due_s = time.monotonic() + random.uniform(0.0, BIRTH_SPREAD_S)  # noqa: S311 - no secret
+            self._are_states_due = True
+            with self._lock:
+                self._send(self._list.announced())
+
+    def _on_list(self, message: MQTTMessage) -> None:
+        with self._lock:
+            self._list.hear(bytes(message.payload))
 
     def _send(self, messages: tuple[Message, ...]) -> None:
         for message in messages:
@@ -357,10 +351,6 @@ class BrokerLink:
 # Messages between the threads that publish and the thread of a link, which alone speaks to paho ---
 
 
-# So many messages may lie between the threads. The thread that publishes more puts them into the outbox itself, within
-# its bounds: the link's thread may wait for a name server for minutes.
-INCOMING_MAX = 50
-
 # First levels of the topics of the link's own messages. A later run does not send them again.
 _OURS = frozenset({AVAILABILITY.first_level, RETAINED.first_level})
 
@@ -371,8 +361,8 @@ _HEADER_BYTES = 512
 class SendQueue:
     """Takes messages from any thread at once, and hands them to paho in the link's.
 
-    The thread that publishes only lays a message down and wakes the link's thread, once for all that it finds then.
-    Packing a message takes paho ten times as long. The lock is never held while paho is called.
+    The thread that publishes only puts a message into the outbox and wakes the link's thread, once for all that it
+    finds then. Packing a message takes paho ten times as long. The lock is never held while paho is called.
 
     Attributes:
         is_connected: Whether there is a broker to send to. Written by the link's thread.
@@ -386,8 +376,7 @@ class SendQueue:
         self.is_connected = False
         self._base = base
         self._events = events
-        self._incoming: deque[tuple[Message, float]] = deque()
-        self._lock = threading.Lock()  # of the outbox, and of taking from `_incoming`
+        self._lock = threading.Lock()  # of the outbox
         self._outbox = MemoryOutbox()
         self._is_woken = False
         self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
@@ -399,9 +388,7 @@ class SendQueue:
     @property
     def dropped(self) -> int:
         """Number of messages of QoS 0 that were dropped, and of states of QoS 1 that were replaced unsent."""
-        with self._lock:
-            self._take_in()
-            return self._outbox.dropped
+        return self._outbox.dropped
 
     @property
     def given_up(self) -> int:
@@ -411,16 +398,16 @@ class SendQueue:
     def undelivered(self) -> tuple[Message, ...]:
         """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first."""
         with self._lock:
-            self._take_in()
             undelivered = self._outbox.undelivered()
         return tuple([each for each in undelivered if not (each.topic.partition("/")[0] in _OURS or each.is_absolute)])
 
     def send(self, message: Message) -> None:
         """Send a message, or let it wait (QoS 1), or drop and count it (QoS 0). Returns at once."""
-        self._incoming.append((message, time.monotonic()))
-        if len(self._incoming) > INCOMING_MAX:
-            with self._lock:
-                self._take_in()
+        with self._lock:
+            if message.qos or self.is_connected:
+                self._outbox.add(message, time.monotonic())
+            else:
+                self._outbox.drop()
         if self.is_connected:
             self.wake()
 
@@ -428,7 +415,6 @@ class SendQueue:
         """Send a message, or drop and count it; return whether the connection can take it. Returns at once."""
         size = len(message.content) + len(message.topic.encode()) + _HEADER_BYTES
         with self._lock:
-            self._take_in()
             can_go = self.is_connected and self._outbox.has_room_on_wire and (not packet_max or size <= packet_max)
             if can_go:
                 self._outbox.add(message, time.monotonic())
@@ -466,10 +452,8 @@ class SendQueue:
         return code or (client.loop_write() if found[1] else code) or client.loop_misc()
 
     def connect(self) -> None:
-        """Note that there is a connection; what was of use before it only is dropped."""
-        with self._lock:
-            self._take_in()
-            self.is_connected = True
+        """Note that there is a connection."""
+        self.is_connected = True
 
     def disconnect(self) -> None:
         """Note that there is no connection any more, and take back what may not have arrived."""
@@ -487,14 +471,12 @@ class SendQueue:
     def note_done(self) -> bool:
         """Note what was written or answered; return whether nothing is left."""
         with self._lock:
-            self._take_in()
             for number, is_refused in self._events.take_done():
                 self._outbox.done(number, is_refused=is_refused)
             return self._outbox.is_empty
 
     def _take(self) -> PendingMessage | None:
         with self._lock:
-            self._take_in()
             return self._outbox.take(time.monotonic()) if self.is_connected else None
 
     def _publish(self, client: Client, waiting: PendingMessage, *, is_v5: bool) -> None:
@@ -519,16 +501,6 @@ class SendQueue:
             else:
                 self._outbox.sent(info.mid, waiting)
 
-    # With the lock held.
-
-    def _take_in(self) -> None:
-        while self._incoming:
-            message, at_s = self._incoming.popleft()
-            if message.qos or self.is_connected:
-                self._outbox.add(message, at_s)
-            else:
-                self._outbox.drop()
-
 
 # The topics on which other programs ask for something, and what of it must not be heeded ----------
 
@@ -536,53 +508,11 @@ class SendQueue:
 # A longer message is no request.
 REQUEST_MAX_BYTES = 4096
 
-# Requests that a topic takes at once, and how fast it takes more. More are counted, and not looked into.
-BURST = 16
-RATE_HZ = 10.0
-
-# A topic that more messages come on within a second is left for this long: even to read them takes the processor.
-FLOOD = 200
-LEFT_FOR_S = 10.0
-
 # With MQTT 3.1.1 a broker hears of no limit, and a kept message may come again with each subscription.
 OVERSIZED_MAX = 3
 
 # MQTT allows any number below 2**28. One that an earlier run has used would revive what was sent to that.
 _IDENTIFIERS = (1, 2**28 - 1)
-
-
-class _Intake(Struct):
-    """The messages that came on a topic of late.
-
-    Attributes:
-        left: How many more requests it may take now.
-        second: The second in which `count` messages came.
-        left_until_s: Until when it is not listened to.
-        is_subscribed: Whether we have subscribed to it over this connection.
-        refusal: Why the broker would not let us, in words.
-    """
-
-    left: float = BURST
-    at_s: float = -math.inf
-    second: int = 0
-    count: int = 0
-    left_until_s: float = -math.inf
-    is_subscribed: bool = False
-    refusal: str = ""
-
-    def has_room(self, now_s: float) -> bool:
-        """Note a message, and return whether it may be looked into."""
-        if int(now_s) != self.second:
-            self.second, self.count = int(now_s), 0
-        self.count += 1
-        if self.count > FLOOD:
-            self.left_until_s = now_s + LEFT_FOR_S
-        self.left = min(BURST, self.left + (now_s - self.at_s) * RATE_HZ)
-        self.at_s = now_s
-        if self.left < 1:
-            return False
-        self.left -= 1
-        return True
 
 
 class RequestTopics:
@@ -601,80 +531,48 @@ class RequestTopics:
     ) -> None:
         self._options = options
         self._receive = receive
-        self._intakes = {f"{options.base}/{topic}": _Intake() for topic in topics}
-        self._asked: dict[int, Sequence[str]] = {}
+        self._topics = [f"{options.base}/{topic}" for topic in topics]
+        self._is_asked = False
+        self._subscription: int | None = None
+        self._refused: dict[str, str] = {}
         self._trouble = ""
         self.identifier: int | None = None
 
     def begin_over(self, events: LinkEvents, *, is_v5: bool) -> None:
         """Begin anew over a connection, unless its broker is none to be listened to."""
-        trouble = ""
+        self.identifier = random.randint(*_IDENTIFIERS) if is_v5 else None  # noqa: S311 - it is no secret
+        self._is_asked, self._refused, self._trouble = False, {}, ""
         if events.oversized_packets >= OVERSIZED_MAX:
-            trouble = (
+            self._trouble = (
                 f"{self._options.place} sent {OVERSIZED_MAX} messages that are too large, so commands are not heard "
                 "until this program is started anew; clear kept messages on its topics of requests"
             )
         elif is_v5 and not events.has_identifiers:
-            trouble = (
+            self._trouble = (
                 f"{self._options.place} cannot mark old messages (no subscription identifiers), so commands are not "
                 "heard; set protocol to '3.1.1'"
             )
-        self.begin(is_v5=is_v5, trouble=trouble)
 
     def attend(self, client: Client, events: LinkEvents) -> None:
-        """Subscribe to the topics of requests, leave those that are flooded, and take note of the broker's answers."""
+        """Subscribe to the topics of requests, and take note of the broker's answer."""
+        if not self._is_asked and not self._trouble:
+            self._is_asked = True
+            self._subscription = subscribe(client, self._topics, self.identifier)
         for number, codes in events.take_subscribed():
-            self.note_answer(number, codes)
-        new, flooded = self.due(time.monotonic())
-        if new:
-            self.note_asked(subscribe(client, new, self.identifier), new)
-        if flooded:
-            client.unsubscribe(flooded)
-
-    def begin(self, *, is_v5: bool, trouble: str = "") -> None:
-        """Begin anew over another connection; with a trouble, nothing is subscribed to over it."""
-        self.identifier = random.randint(*_IDENTIFIERS) if is_v5 else None  # noqa: S311 - it is no secret
-        self._trouble = trouble
-        self._asked.clear()
-        for intake in self._intakes.values():
-            intake.is_subscribed, intake.refusal = False, ""
-
-    def due(self, now_s: float) -> tuple[list[str], list[str]]:
-        """Return which topics to subscribe to now, and which to leave."""
-        if self._trouble:
-            return [], []
-        new: list[str] = []
-        flooded: list[str] = []
-        for topic, intake in self._intakes.items():
-            is_left = now_s < intake.left_until_s
-            if intake.is_subscribed is is_left:
-                (flooded if is_left else new).append(topic)
-                intake.is_subscribed = not is_left
-        return new, flooded
-
-    def note_asked(self, number: int | None, topics: Sequence[str]) -> None:
-        """Note that topics were subscribed to, and by which number the broker will answer."""
-        if number is not None:
-            self._asked[number] = topics
-
-    def note_answer(self, number: int, codes: Sequence[ReasonCode]) -> None:
-        """Note the broker's answer."""
-        for topic, code in zip(self._asked.pop(number, ()), codes, strict=False):
-            self._intakes[topic].refusal = str(code) if code.is_failure else ""
+            if self._is_asked and number == self._subscription:
+                found = zip(self._topics, codes, strict=False)
+                self._refused = {topic: str(code) for topic, code in found if code.is_failure}
 
     def hear(self, message: MQTTMessage) -> None:
         """Take in a message; what comes on another topic, such as one of an earlier run, is passed over."""
-        intake = self._intakes.get(message.topic)
-        if intake is None:
+        if message.topic not in self._topics:
             return
-        now_s = time.monotonic()
-        refusal = self._refusal(message, intake, now_s)
         properties = message.properties
         received = RequestMessage(
             topic=message.topic.removeprefix(f"{self._options.base}/"),
             payload=bytes(message.payload) if len(message.payload) <= REQUEST_MAX_BYTES else b"",
-            at_s=now_s,
-            refusal=refusal,
+            at_s=time.monotonic(),
+            refusal=self._refusal(message),
             response_topic=self._usable(getattr(properties, "ResponseTopic", "")),
             correlation=getattr(properties, "CorrelationData", None),
         )
@@ -682,20 +580,12 @@ class RequestTopics:
 
     def trouble(self) -> str:
         """Return why requests are not heard, or an empty string. May be called from any thread."""
-        if self._trouble:
+        refused = self._refused
+        if self._trouble or not refused:
             return self._trouble
-        now_s = time.monotonic()
-        refused = {topic: intake.refusal for topic, intake in self._intakes.items() if intake.refusal}
-        if refused:
-            return describe_deafness(self._options, list(refused), next(iter(refused.values())))
-        flooded = [topic for topic, intake in self._intakes.items() if now_s < intake.left_until_s]
-        if flooded:
-            return f"more than {FLOOD} messages within a second came on '{flooded[0]}': it is not listened to for 10 s"
-        return ""
+        return describe_deafness(self._options, list(refused), next(iter(refused.values())))
 
-    def _refusal(self, message: MQTTMessage, intake: _Intake, now_s: float) -> NoRequest | None:
-        if not intake.has_room(now_s):
-            return "too_many"
+    def _refusal(self, message: MQTTMessage) -> NoRequest | None:
         if message.retain:
             return "retained"
         if self.identifier is not None and self.identifier not in _identifiers(message):

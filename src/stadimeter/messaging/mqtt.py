@@ -8,14 +8,13 @@ from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from paho.mqtt.client import Client, MQTTMessage
-from paho.mqtt.enums import MQTTProtocolVersion
 
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.home_assistant import Announcement, DiscoveryPlace
 from stadimeter.core.message import REQUEST, Message
 from stadimeter.errors import ConfigError, DeviceClosedError, DeviceOpenError
 from stadimeter.messaging.back_off import BackOff, Patience
-from stadimeter.messaging.broker_link import V5, V311, BrokerLink, RequestTopics, describe_deafness, serve
+from stadimeter.messaging.broker_link import V5, V311, BrokerLink, RequestTopics, serve
 from stadimeter.messaging.mqtt_client import (
     LinkEvents,
     ListeningClient,
@@ -24,7 +23,6 @@ from stadimeter.messaging.mqtt_client import (
     publish_properties,
     read_secrets,
     say_goodbye,
-    subscribe,
 )
 from stadimeter.messaging.protocol import CommandLevel, Received, RequestMessage
 from stadimeter.operator_actions import OperatorAction
@@ -54,57 +52,19 @@ class MqttOptions(MqttSettings):
 
         It has a client id of its own, for a broker would throw out a running instance of the same id, and no last will.
         """
-        asking = self.model_copy(update={"node": f"{self.node}-doctor"})
+        orders = [f"{self.base}/{REQUEST.of(OperatorAction.STOP_OUTPUTS)}"] if self.commands != "off" else []
         try:
-            secrets = read_secrets(asking)
+            asking = MqttSubscription(
+                self, orders, lambda _message: None, Patience(answer_s=ASKED_S, first_pause_s=0.1)
+            )
         except DeviceOpenError as error:
             return str(error)
-        events, trouble = LinkEvents(asking), ""
-        for version in {"5": (V5,), "3.1.1": (V311,)}.get(self.protocol, (V5, V311)):
-            events.begin()
-            client = make_client(asking, secrets, version, ASKED_S)
-            client.will_clear()
-            events.listen_to(client)
-            trouble = _attempt(client, version, events, self)
-            if events.is_accepted or not events.suspects_version:
-                break
-        if not events.is_accepted:
-            return events.ending
+        until_s, tries = time.monotonic() + 3 * ASKED_S, 2 if self.protocol == "auto" else 1
+        while not asking.is_listening and asking.failures < tries and time.monotonic() < until_s:
+            asking.serve(ASKED_S / 10)
+        trouble = asking.trouble()
+        asking.close()
         return trouble
-
-
-def _attempt(client: Client, version: MQTTProtocolVersion, events: LinkEvents, options: MqttSettings) -> str:
-    """Connect and hang up; return what is wrong with a connection that the broker accepted."""
-    trouble = ""
-    try:
-        client.reconnect()
-    except OSError as error:
-        events.note_connect_error(error)
-        return trouble
-    until_s = time.monotonic() + ASKED_S
-    while not events.is_accepted and (left_s := until_s - time.monotonic()) > 0 and serve(client.loop, events, left_s):
-        pass
-    if events.is_accepted:
-        trouble = _try_to_listen(client, version, events, options) if options.commands != "off" else ""
-        say_goodbye(client, version)
-        serve(client.loop, events, 0.0)
-    elif not events.ending:
-        events.note_no_answer()
-    if (connection := client.socket()) is not None:
-        connection.close()
-    return trouble
-
-
-def _try_to_listen(client: Client, version: MQTTProtocolVersion, events: LinkEvents, options: MqttSettings) -> str:
-    """Subscribe to one topic of requests; return why the broker does not let us, or an empty string."""
-    topic = f"{options.base}/{REQUEST.of(OperatorAction.STOP_OUTPUTS)}"
-    subscribe(client, [topic], 1 if version == V5 and events.has_identifiers else None)
-    until_s = time.monotonic() + ASKED_S
-    while (left_s := until_s - time.monotonic()) > 0 and serve(client.loop, events, left_s):
-        for _, codes in events.take_subscribed():
-            refused = [str(code) for code in codes if code.is_failure]
-            return describe_deafness(options, [topic], refused[0]) if refused else ""
-    return events.ending
 
 
 class PahoMessenger:
@@ -250,6 +210,10 @@ class MqttSubscription:
     Args:
         filters: The topics, with wildcards. They should not overlap: a broker may send a message once for each.
         take: Takes each message, within `serve`.
+
+    Attributes:
+        is_listening: Whether the broker has answered what is listened to.
+        failures: How often connecting failed, or a connection ended.
     """
 
     def __init__(
@@ -259,7 +223,7 @@ class MqttSubscription:
         take: Callable[[Received], None],
         patience: Patience = PATIENCE,
     ) -> None:
-        self._options = options.model_copy(update={"node": f"{options.node}-fleet-{uuid.uuid4().hex[:8]}"})
+        self._options = options.model_copy(update={"node": f"{options.node}-{uuid.uuid4().hex[:8]}"})
         self._secrets = read_secrets(options)
         self._filters, self._take, self._patience = filters, take, patience
         self._events = LinkEvents(self._options)
@@ -270,6 +234,7 @@ class MqttSubscription:
         self._why_not = f"not connected to {options.place} yet"
         self._refusal = ""
         self.is_listening = False
+        self.failures = 0
 
     def trouble(self) -> str:
         """Describe what is wrong with the connection; empty while the broker has taken the subscription."""
@@ -318,7 +283,9 @@ class MqttSubscription:
         was_accepted = self._events.is_accepted
         stands = serve(client.loop, self._events, min(wait_s, 0.5 if was_accepted else 0.1))  # it pings in between
         if stands and self._events.is_accepted and not was_accepted:
-            client.subscribe([(each, 1) for each in self._filters])
+            self.is_listening = not self._filters
+            if self._filters:
+                client.subscribe([(each, 1) for each in self._filters])
         elif stands and not self._events.is_accepted and time.monotonic() > self._answer_until_s:
             self._events.note_no_answer()  # later on, what the broker kept may come first, and it is asked for a sign
             stands = False
@@ -327,7 +294,7 @@ class MqttSubscription:
 
     def _lose(self) -> None:
         """Let go of a connection that is none, and set when the next is tried."""
-        self._why_not = self._events.ending or self._why_not
+        self._why_not, self.failures = self._events.ending or self._why_not, self.failures + 1
         if self._events.was_stable:
             self._back_off.reset()
         if self._options.protocol == "auto" and self._events.suspects_version:
@@ -342,8 +309,10 @@ class MqttSubscription:
 
     def _on_subscribe(self, _client: Client, _data: Any, _number: int, reasons: Sequence[Any], _more: Any) -> None:
         self.is_listening = True
-        if any(reason.is_failure for reason in reasons):
-            self._refusal = f"{self._options.place} refused a subscription; check the broker's access list"
+        for topic, reason in zip(self._filters, reasons, strict=False):
+            if reason.is_failure:
+                words = f"refused the subscription to '{topic}' ({reason}); check the broker's access list"
+                self._refusal = f"{self._options.place} {words}"
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
         try:

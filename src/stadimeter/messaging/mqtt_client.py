@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
-from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode, MQTTProtocolVersion
+from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
@@ -33,7 +33,7 @@ from stadimeter.config.units import FilePath
 from stadimeter.core.home_assistant import DiscoveryPlace
 from stadimeter.core.message import AVAILABILITY, RETAINED, Message
 from stadimeter.errors import DeviceOpenError, UnreadableError
-from stadimeter.messaging.outbox import PAGES_MAX, DirectMessage
+from stadimeter.messaging.outbox import DirectMessage
 from stadimeter.messaging.protocol import CommandLevel
 
 NODE_CHARACTERS = "letters, digits, '-' and '_'"
@@ -158,16 +158,6 @@ class MqttSettings(DriverOptions):
         return f"{RETAINED.first_level}/{self.node}"
 
     @property
-    def retained_page_bytes(self) -> int:
-        """The size of a page of that list: what a packet has room for, beside its topic and what a broker adds."""
-        return PAGE_PACKET_MAX - len(f"{self.base}/{self.retained_topic}/999".encode()) - 64
-
-    @property
-    def packet_max(self) -> int:
-        """The largest packet that is read."""
-        return PAGE_PACKET_MAX if self.commands == "off" else PACKET_MAX
-
-    @property
     def client_id(self) -> str:
         """The name by which the broker knows us. It knows only one client of a name at a time."""
         return f"stadimeter-{self.node}"
@@ -177,13 +167,12 @@ class MqttSettings(DriverOptions):
 SESSION_EXPIRY_S = 3600
 WILL_DELAY_S = 5
 
-# We subscribe to short pages of our own and to requests, so all that a broker has to say is short. No larger packet is
-# read: the second bound is for requests, with room to answer those that are somewhat too large.
+# We subscribe to a list of our own and to requests, so all that a broker has to say is short. No larger packet is read:
+# there is room for the list, and for an answer to requests that are somewhat too large.
 #
 # MQTT allows 256 MiB. A broker of MQTT 5 hears of this bound; for one that does not heed it, and with 3.1.1, `_Client`
 # sees to it. It also bounds messages of QoS 2 that are never completed: we ask for none.
-PAGE_PACKET_MAX = 1024
-PACKET_MAX = 8192
+PACKET_MAX = 256 * 1024
 INCOMPLETE_MAX = 64
 
 # A response that waited for longer in a broker is of no use to whoever asked.
@@ -191,9 +180,6 @@ RESPONSE_EXPIRES_S = 30
 
 # No message of stadimeter is as long. Of a longer one, a program that listens keeps the beginning, which is no JSON.
 LISTENING_PACKET_MAX = 16_384
-
-# Read without a look at the clock.
-LISTENING_PACKETS_MAX = 500
 
 ONLINE = Message(topic=AVAILABILITY.path, payload="online", qos=1, retain=True)
 OFFLINE = Message(topic=AVAILABILITY.path, payload="offline", qos=1, retain=True)
@@ -215,30 +201,15 @@ class _Client(Client):
 
 
 class ListeningClient(Client):
-    """Reads what comes in great numbers: many packets in one piece, and of one that is too long only the beginning."""
+    """Reads of a packet that is too long only the beginning."""
 
     packet_max = LISTENING_PACKET_MAX
-    _unread = b""
-    _read_to = 0
-
-    def loop(self, timeout: float = 1.0) -> MQTTErrorCode:
-        """Wait for packets, and read those that came together; paho would ask the system anew before each."""
-        code = super().loop(timeout)
-        packets_left = LISTENING_PACKETS_MAX
-        while code == MQTTErrorCode.MQTT_ERR_SUCCESS and self._read_to < len(self._unread) and packets_left:
-            code = self.loop_read()
-            packets_left -= 1
-        return code
 
     def _sock_recv(self, bufsize: int) -> bytes:
         if bufsize > self.packet_max:
             del self._in_packet["packet"][self.packet_max :]
             bufsize = self.packet_max
-        if self._read_to >= len(self._unread):
-            self._unread, self._read_to = super()._sock_recv(65_536), 0
-        found = self._unread[self._read_to : self._read_to + bufsize]
-        self._read_to += bufsize
-        return found
+        return super()._sock_recv(bufsize)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -272,8 +243,6 @@ def make_client(
         protocol=version,
         reconnect_on_failure=False,
     )
-    if isinstance(client, _Client):
-        client.packet_max = options.packet_max
     client.connect_timeout = answer_s
     client.on_socket_open = _send_at_once
     if options.username is not None:
@@ -453,18 +422,16 @@ class LinkEvents:
         has_identifiers: Whether the broker marks messages with the subscription that they come from.
 
     Args:
-        hear: Takes a message that is no page of the list and has no handler, within paho's loop.
+        hear: Takes a message that has no handler, within paho's loop.
     """
 
     def __init__(self, options: MqttSettings, hear: Callable[[MQTTMessage], None] = lambda _message: None) -> None:
         self._options = options
         self._hear = hear
-        self._page_topic = f"{options.base}/{options.retained_topic}/"
         self._answered: deque[tuple[int, list[ReasonCode]]] = deque()
         self._done: deque[tuple[int, bool]] = deque()
         self._short_lives = 0
         self._was_ever_accepted = False
-        self._pages: deque[tuple[str, bytes]] = deque(maxlen=PAGES_MAX)
         self.oversized_packets = 0
         self.refusal = ""
         self.handlers: dict[str, Handler] = {}
@@ -478,7 +445,6 @@ class LinkEvents:
         self.subscribed_at_s: dict[int | None, float] = {}
         self.packet_max: int | None = None
         self.has_identifiers = True
-        self._pages.clear()
         self._answered.clear()
         self._accepted_at_s: float | None = None
         self._stood_s = 0.0
@@ -537,11 +503,6 @@ class LinkEvents:
         while self._answered:
             yield self._answered.popleft()
 
-    def take_pages(self) -> Iterator[tuple[str, bytes]]:
-        """Yield, once each, the messages that came: the last part of the topic, and the payload."""
-        while self._pages:
-            yield self._pages.popleft()
-
     def _on_connect(self, _client: Client, _data: Any, _flags: ConnectFlags, reason: ReasonCode, more: Any) -> None:
         if reason.is_failure:
             self.ending = describe_refusal(self._options, reason)
@@ -585,10 +546,7 @@ class LinkEvents:
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
         with suppress(UnicodeDecodeError):
-            if message.topic.startswith(self._page_topic):
-                self._pages.append((message.topic.rpartition("/")[2], bytes(message.payload)))
-            else:
-                self.handlers.get(message.topic, self._hear)(message)
+            self.handlers.get(message.topic, self._hear)(message)
 
 
 UNSUPPORTED_VERSION = 0x84

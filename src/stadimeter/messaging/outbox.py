@@ -11,13 +11,13 @@ import json
 import math
 import re
 from collections import OrderedDict, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import count
 
 from msgspec import Struct
 from msgspec.structs import replace
 
-from stadimeter.core.decision import Severity
+from stadimeter.core.decision import Severity, first_to_go
 from stadimeter.core.home_assistant import Announcement, announce, is_entry
 from stadimeter.core.message import KEPT_S, NEWS_S, Message, as_history, clearing, may_be_cleared
 
@@ -59,9 +59,6 @@ def pending(message: Message, now_s: float) -> PendingMessage:
     return PendingMessage(message, now_s, math.inf if is_for_good else now_s + lives_s)
 
 
-# A state that a newer one has replaced is worth less than any message.
-_REPLACED = "replaced"
-
 # Stands for the number of a message that was taken and has none yet; paho's begin with 1.
 _TAKEN = -1
 
@@ -93,10 +90,6 @@ class MemoryOutbox:
         self._unwritten_max = unwritten_max
         self._numbers = count()
         self._waiting: OrderedDict[int, PendingMessage] = OrderedDict()
-        # The numbers of waiting messages that may be given up, oldest first; what matters least comes first.
-        ranks = (_REPLACED, Severity.INFO, Severity.WARNING, Severity.ALARM)
-        self._may_go: dict[str, OrderedDict[int, None]] = {rank: OrderedDict() for rank in ranks}
-        self._newest: dict[str, int] = {}  # by topic, of those that the broker is to keep
         self._unacknowledged: dict[int, PendingMessage] = {}
         self._unkept: deque[tuple[int, PendingMessage]] = deque()
         self._unwritten: set[int] = set()
@@ -121,7 +114,7 @@ class MemoryOutbox:
             return
         if len(self._waiting) >= self._capacity:
             self._make_room()
-        self._wait(pending(message, now_s))
+        self._waiting[next(self._numbers)] = pending(message, now_s)
 
     def take(self, now_s: float) -> PendingMessage | None:
         """Return the next message that may be sent now; then report it to `sent`. Until then it is undelivered.
@@ -136,7 +129,7 @@ class MemoryOutbox:
                     return found
                 self.drop()
             elif next_kept is not None:
-                found = self._remove(next_kept)
+                found = self._waiting.pop(next_kept)
                 if now_s < found.deadline_s:
                     self._unacknowledged[_TAKEN] = found
                     return found
@@ -181,100 +174,79 @@ class MemoryOutbox:
         again = (*self._unacknowledged.values(), *self._waiting.values())
         self._unacknowledged.clear()
         self._waiting.clear()
-        self._newest.clear()
-        for numbers in self._may_go.values():
-            numbers.clear()
-        for each in again:
-            self._wait(each)
+        self._waiting.update((next(self._numbers), each) for each in again)
 
     def undelivered(self) -> tuple[Message, ...]:
         """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first."""
         return tuple([each.message for each in (*self._unacknowledged.values(), *self._waiting.values())])
 
-    def _wait(self, added: PendingMessage) -> None:
-        number, message = next(self._numbers), added.message
-        self._waiting[number] = added
-        if message.retain:
-            replaced = self._newest.get(message.topic)
-            self._newest[message.topic] = number
-            if replaced is not None:
-                self._may_go[_REPLACED][replaced] = None
-        elif message.severity is not Severity.SAFETY:
-            self._may_go[message.severity][number] = None
-
-    def _remove(self, number: int) -> PendingMessage:
-        found = self._waiting.pop(number)
-        for numbers in self._may_go.values():
-            numbers.pop(number, None)
-        if self._newest.get(found.message.topic) == number:
-            del self._newest[found.message.topic]
-        return found
-
     def _make_room(self) -> None:
-        for rank, numbers in self._may_go.items():
-            if numbers:
-                self._remove(next(iter(numbers)))
-                if rank == _REPLACED:
-                    self.dropped += 1
-                else:
-                    self.given_up += 1
-                return
+        waiting = [(number, each.message) for number, each in self._waiting.items()]
+        newest = {message.topic: number for number, message in waiting}
+        replaced = [number for number, message in waiting if message.retain and newest[message.topic] != number]
+        if replaced:
+            del self._waiting[replaced[0]]
+            self.dropped += 1
+            return
+        passing = [(number, message.severity) for number, message in waiting if not message.retain]
+        if (last := first_to_go(severity for _, severity in passing)) is not None:
+            del self._waiting[passing[last][0]]
+            self.given_up += 1
 
 
-# No more is read of a list, nor written: that many pages hold over a thousand rules.
-PAGES_MAX = 200
+# No longer list is written: it has room for some hundred rules, and is read back in one packet.
+LIST_MAX_BYTES = 200_000
 
 
 class RetainedList:
-    """The topics whose messages a broker keeps of this node, as pages of JSON that are small enough to be read back.
+    """The topics whose messages a broker keeps of this node, as a message of JSON that the broker keeps, too.
 
-    It does no I/O and knows no clock. What the pages say is not trusted: whatever they name, nothing is cleared but
+    It does no I/O and knows no clock. What the list says is not trusted: whatever it names, nothing is cleared but
     states of rules and messages of the user's own, below the base topic, and the discovery of this node.
 
     Args:
-        topic: Where the pages are, below the base topic; each adds its number.
-        room_bytes: The size of a page.
+        topic: Where the list is, below the base topic.
         node: This node's name.
 
     Attributes:
-        is_read: Whether every page was read over this connection.
+        text: What the broker keeps of it, as far as that is known.
+        is_read: Whether it was read over this connection.
     """
 
-    def __init__(self, topic: str, room_bytes: int, node: str) -> None:
+    def __init__(self, topic: str, node: str) -> None:
         self._topic = topic
-        self._room_bytes = room_bytes
         self._node = node
         self._topics: frozenset[str] | None = None
         self._announcement: Announcement | None = None
-        self._pages: dict[int, str] = {}
         self._has_written = False
+        self.text = ""
         self.is_read = False
 
     @property
     def is_forgotten(self) -> bool:
-        """True if this run wrote pages, and none is heard: the broker has forgotten all that it kept."""
-        return self._has_written and not self._pages
+        """True if this run wrote a list, and none is heard: the broker has forgotten all that it kept."""
+        return self._has_written and not self.text
 
     @property
     def is_wanted(self) -> bool:
-        """True if it is known what this run publishes, so that the pages can be compared with it."""
-        return self._topics is not None and self._room_bytes > 0
+        """True if it is known what this run publishes, so that the list can be compared with it."""
+        return self._topics is not None
 
     def begin(self) -> None:
-        """Forget the pages: they are read again over a new connection."""
-        self._pages, self.is_read = {}, False
+        """Forget the list: it is read again over a new connection."""
+        self.text, self.is_read = "", False
 
-    def hear(self, number: str, payload: bytes) -> None:
-        """Take in a page that the broker has kept; what can be none is passed over."""
-        if not self.is_read and number.isascii() and number.isdecimal() and len(number) < 4 and payload:
-            self._pages[int(number)] = payload.decode("utf-8", "replace")
+    def hear(self, payload: bytes) -> None:
+        """Take in the list that the broker has kept."""
+        if not self.is_read:
+            self.text = payload.decode("utf-8", "replace")
 
     def finish(self) -> tuple[Message, ...]:
-        """List the messages to send when all pages are read: what clears topics that are gone, then the new pages."""
+        """List the messages to send when the list was read: what clears topics that are gone, then the new list."""
         if self._topics is None:
             return ()
         self.is_read = True
-        listed = {entry for page in self._pages.values() for entry in _entries_of(page)}
+        listed = {*_entries_of(self.text)}
         return (
             *clearing(set(filter(_may_be_cleared, listed)) - self._topics),
             *announce(self._announcement, filter(is_entry, listed), self._node),
@@ -282,12 +254,12 @@ class RetainedList:
         )
 
     def retain_only(self, topics: frozenset[str]) -> tuple[Message, ...]:
-        """Take on what is published from now on; return the pages that change, to be sent after what clears topics."""
+        """Take on what is published from now on; return the list if it changes, to be sent after what clears topics."""
         self._topics = topics
         return tuple(self._rewritten()) if self.is_read else ()
 
     def announce(self, announcement: Announcement | None) -> tuple[Message, ...]:
-        """Take on what Home Assistant discovers from now on; return what announces it, if the pages were read."""
+        """Take on what Home Assistant discovers from now on; return what announces it, if the list was read."""
         before, self._announcement = self._announcement, announcement
         if not self.is_read:
             return ()
@@ -299,34 +271,18 @@ class RetainedList:
 
     def _rewritten(self) -> Iterator[Message]:
         entries = self._announcement.entries if self._announcement is not None else ()
-        listed = (*sorted(self._topics or ()), *sorted(entries))  # if there is no room for all, rules come first
-        before, self._pages = self._pages, dict(enumerate(_paged(listed, self._room_bytes)))
-        for number in sorted(before.keys() | self._pages.keys()):
-            page = self._pages.get(number, "")
-            self._has_written = self._has_written or bool(page)
-            if page != before.get(number):
-                yield Message(topic=f"{self._topic}/{number}", payload=page, qos=1, retain=True)
+        listed = [*sorted(self._topics or ()), *sorted(entries)]  # if there is no room for all, rules come first
+        while len(text := json.dumps(listed, separators=(",", ":")) if listed else "") > LIST_MAX_BYTES:
+            listed = listed[: len(listed) * 9 // 10]
+        before, self.text = self.text, text
+        self._has_written = self._has_written or bool(text)
+        if text != before:
+            yield Message(topic=self._topic, payload=text, qos=1, retain=True)
 
 
-def _paged(topics: Iterable[str], room_bytes: int) -> list[str]:
-    """Divide topics into JSON lists; one that is too long for a page, or comes after the last, is left out."""
-    pages: list[list[str]] = []
-    left_bytes = 0
-    for topic in topics:
-        size = len(json.dumps(topic)) + 1  # in ASCII, with its comma
-        if size + 1 > room_bytes:
-            continue
-        if size > left_bytes:
-            pages.append([])
-            left_bytes = room_bytes - 1
-        pages[-1].append(topic)
-        left_bytes -= size
-    return [json.dumps(page, separators=(",", ":")) for page in pages[:PAGES_MAX]]
-
-
-def _entries_of(page: str) -> Iterator[str]:
+def _entries_of(text: str) -> Iterator[str]:
     try:
-        found = json.loads(page)
+        found = json.loads(text)
     except (ValueError, RecursionError):
         return
     yield from (

@@ -58,9 +58,9 @@ class Retaining(Protocol):
         """
 
 
-# Why a message is no request: a broker had kept it; it was sent before this connection, or waited for too long; too
-# many came; it has more bytes than a request may have.
-NoRequest = Literal["retained", "stale", "too_many", "too_large"]
+# Why a message is no request: a broker had kept it; it was sent before this connection, or waited for too long; it has
+# more bytes than a request may have.
+NoRequest = Literal["retained", "stale", "too_large"]
 
 # What other programs may ask for: nothing; all but what lets outputs act, takes pictures or writes files; everything.
 CommandLevel = Literal["off", "alarms", "all"]

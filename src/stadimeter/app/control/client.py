@@ -203,17 +203,10 @@ def encode_answer(answer: Mapping[str, Any], attached: bytes = b"") -> bytes:
     return encode_line(answer, len(attached)) + attached
 
 
-def encode_line(answer: Mapping[str, Any], attached_bytes: int = 0, data: str = "") -> bytes:
-    """Return the line of an answer alone.
-
-    Args:
-        attached_bytes: How many bytes will follow it.
-        data: Its data, as JSON in ASCII already; empty if they are in the answer.
-    """
+def encode_line(answer: Mapping[str, Any], attached_bytes: int = 0) -> bytes:
+    """Return the line of an answer alone, which says how many bytes will follow it."""
     head = {**answer, "bytes": attached_bytes} if attached_bytes else answer
-    line = json.dumps(head, separators=(",", ":"), allow_nan=False)
-    line = f'{line[:-1]},"data":{data}}}' if data else line
-    return line.encode("ascii") + b"\n"
+    return json.dumps(head, separators=(",", ":"), allow_nan=False).encode("ascii") + b"\n"
 
 
 def attached_bytes(answer: Mapping[str, Any]) -> int:

@@ -235,22 +235,20 @@ class Reply(Struct, frozen=True):
 
     Attributes:
         problems: Those of a configuration that is wrong.
-        json: The data, as JSON in ASCII already; then `data` is not looked at.
         attached: Bytes that follow the line, such as a picture.
     """
 
     data: Any = None
     error: str = ""
     problems: tuple[Problem, ...] = ()
-    json: str = ""
     attached: Attached = b""
 
     def line(self, transaction: Transaction) -> bytes:
         """Return one line, in ASCII: text from outside may hold what UTF-8 cannot, such as half of a surrogate pair."""
         answer: dict[str, Any] = {"transaction": transaction, "status": "error" if self.error else "ok"}
         answer |= {"problems": [plain(problem) for problem in self.problems]} if self.problems else {}
-        answer |= {"error": self.error} if self.error else {} if self.json else {"data": self.data}
-        return encode_line(answer, len(self.attached), self.json)
+        answer |= {"error": self.error} if self.error else {"data": self.data}
+        return encode_line(answer, len(self.attached))
 
 
 def parse_request(line: bytes) -> Request:

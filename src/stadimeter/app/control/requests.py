@@ -34,17 +34,6 @@ class Requests(Protocol):
         ...
 
 
-class JoinedRequests:
-    """Several places where requests come from, as one."""
-
-    def __init__(self, sources: Iterable[Requests]) -> None:
-        self._takes = tuple(source.take for source in sources)
-
-    def take(self) -> list[Asked]:
-        """Return the requests that have come since the last call, source by source. Never waits."""
-        return [asked for take in self._takes for asked in take()]
-
-
 # A stop is answered this late at most, however slow the disk is; the outputs are stopped before that.
 KEPT_WITHIN_S = 1.0
 
@@ -71,7 +60,7 @@ class Control:
 
     def __init__(
         self,
-        requests: Requests,
+        sources: Iterable[Requests],
         reloader: Reloader,
         unix_s: Callable[[], float] = time.time,
         deliveries: Callable[[], list[dict[str, Any]]] = list,
@@ -82,7 +71,7 @@ class Control:
         self.acts = {**(acts or {})}
         self._is_kept = is_kept
         self._stops: list[tuple[float, Asked, dict[str, Any]]] = []
-        self._requests = requests
+        self._takes = tuple(source.take for source in sources)
         self._reloader = reloader
         self._unix_s = unix_s
         self._deliveries = deliveries
@@ -101,7 +90,8 @@ class Control:
         if self._reload_for is not None:
             answer, self._reload_for = self._reload_for, None
             self._reloader.ask(answer)
-        return tuple(command for asked in self._requests.take() if (command := self._dispatch(asked)) is not None)
+        taken = [asked for take in self._takes for asked in take()]
+        return tuple(command for asked in taken if (command := self._dispatch(asked)) is not None)
 
     def change(self) -> CheckedConfiguration | None:
         """Return the configuration to apply now, if there is one."""

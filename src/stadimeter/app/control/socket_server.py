@@ -3,9 +3,8 @@
 Each connection has a thread of its own, which reads a line, hands the request to the control loop and sends the answer.
 All that the loop does is to take the requests that are sound, once a cycle, and to hand back answers: it never waits.
 
-What comes in at the socket may be anything, so every resource has a bound. Lines, connections and requests that wait
-are limited. No limit locks an honest client out: when all places are taken, the connection that has been idle for
-longest gives way to a new one, whether it sends nothing or does not read. Whatever fails costs its own connection only.
+What comes in at the socket may be anything, so lines and requests that wait are limited, and who says or reads nothing
+is hung up on. Only our own user may connect, so connections are not counted. Whatever fails costs its own connection.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -29,7 +27,6 @@ from msgspec import Struct
 
 from stadimeter.app.control.messages import (
     LINE_MAX_BYTES,
-    Attached,
     FrameArgs,
     Reply,
     Request,
@@ -42,7 +39,6 @@ from stadimeter.app.places import check_folder, is_alive
 from stadimeter.errors import ControlError
 
 # This many requests may wait for the loop, which takes them all once a cycle.
-CONNECTIONS_MAX = 32
 WAITING_MAX = 64
 
 # A client that sends no line, or does not read its answer, for this long is hung up on.
@@ -96,7 +92,7 @@ class ControlSocket:
         path: Where; only our user may ask there.
         hello: What the socket tells of the instance by itself, without the loop.
         watched: What can be watched of the run; None for nothing.
-        metrics: The figures of the run as JSON, likewise without the loop.
+        metrics: Returns the figures of the run, likewise without the loop.
         idle_max_s: How long a client may send nothing, or read nothing.
     """
 
@@ -106,7 +102,7 @@ class ControlSocket:
         hello: Callable[[], object],
         *,
         watched: Watched | None = None,
-        metrics: Callable[[], str] = lambda: "[]",
+        metrics: Callable[[], object] = list,
         idle_max_s: float = IDLE_MAX_S,
     ) -> None:
         self.path = path
@@ -144,36 +140,6 @@ class ControlSocket:
         self._asked.append(Asked(request, answer))
 
 
-@dataclass(eq=False)
-class _ControlClient:
-    """A client that is connected.
-
-    Attributes:
-        since_s: When its client last sent a line, or was answered, on the monotonic clock.
-        is_owed: Whether we owe it an answer. Else we wait for the client: for a line, or to read what we said.
-        is_closed: Whether we have hung up.
-        replies: Takes the answer that we owe.
-    """
-
-    socket: Any
-    since_s: float = field(default_factory=time.monotonic)
-    is_owed: bool = False
-    is_closed: bool = False
-    replies: queue.SimpleQueue[Reply | Callable[[], Reply]] = field(default_factory=queue.SimpleQueue)
-    thread: threading.Thread | None = None
-
-    def turn(self, *, is_owed: bool) -> None:
-        """Note who waits for whom from now on."""
-        self.is_owed, self.since_s = is_owed, time.monotonic()
-
-    def hang_up(self) -> None:
-        """Let its thread end, whatever it waits for: the client, or the loop."""
-        self.is_closed = True
-        with suppress(OSError):  # the client is gone already
-            self.socket.shutdown(socket.SHUT_RDWR)
-        self.replies.put(Reply(error="the connection was closed"))
-
-
 class _Handler(socketserver.StreamRequestHandler):
     """Serves one connection: line by line, one answer after the other."""
 
@@ -183,42 +149,54 @@ class _Handler(socketserver.StreamRequestHandler):
         """Limit how long one read, and one write, may take."""
         super().setup()
         self.request.settimeout(self.server.control.idle_max_s)
+        self.thread, self.is_closed = threading.current_thread(), False
+        self.replies: queue.SimpleQueue[Reply | Callable[[], Reply]] = queue.SimpleQueue()
+        self.server.handlers.add(self)
+
+    def finish(self) -> None:
+        """Note that it is over."""
+        self.server.handlers.discard(self)
+        super().finish()
+
+    def hang_up(self) -> None:
+        """Let its thread end, whatever it waits for: the client, or the loop."""
+        self.is_closed = True
+        with suppress(OSError):  # the client is gone already
+            self.request.shutdown(socket.SHUT_RDWR)
+        self.replies.put(Reply(error="the connection was closed"))
 
     def handle(self) -> None:
         """Answer every line. What is raised here ends this connection, and no other."""
-        connection = self.server.connections[self.request]
         while (line := self.rfile.readline(LINE_MAX_BYTES + 1)).endswith(b"\n"):
-            if line.strip():
-                connection.turn(is_owed=True)
-                if not self._answer(line, connection):
-                    return
+            if line.strip() and not self._answer(line):
+                return
         if len(line) > LINE_MAX_BYTES:
             self.wfile.write(Reply(error=f"a line of more than {LINE_MAX_BYTES} bytes is no request").line(None))
 
-    def _answer(self, line: bytes, connection: _ControlClient) -> bool:
+    def _answer(self, line: bytes) -> bool:
         """Answer a line; return whether more may be asked on this connection."""
         with self.server.control.speaking:
             transaction = transaction_of(line)
             try:
-                end = self._begin(parse_request(line), connection)
+                end = self._begin(parse_request(line))
             except ControlError as error:
                 end = None
-                connection.replies.put(Reply(error=str(error)))
+                self.replies.put(Reply(error=str(error)))
         if end is None:
             # Without an answer in time the connection ends: the next request would be given the one that is too late.
-            line, attached = self._put_into_words(connection.replies.get(timeout=ANSWER_MAX_S), transaction)
-            connection.turn(is_owed=False)
-            self._write(line, attached)
+            self._write(self.replies.get(timeout=ANSWER_MAX_S), transaction)
             return True
         try:
-            self._tell_until_hung_up(transaction, connection)
+            self.request.settimeout(min(UNREAD_MAX_S, self.server.control.idle_max_s))
+            while not self.is_closed:
+                self._write(self.replies.get(), transaction)
         finally:
             end()
         return False
 
-    def _begin(self, request: Request, connection: _ControlClient) -> Callable[[], None] | None:
+    def _begin(self, request: Request) -> Callable[[], None] | None:
         """See to it that a request will be answered; return what ends a subscription, None for any other request."""
-        control, answer = self.server.control, connection.replies.put
+        control, answer = self.server.control, self.replies.put
         if request.op == "subscribe":
             return self._watched().subscribe(request.args, answer)
         if request.op == "frame":
@@ -226,7 +204,7 @@ class _Handler(socketserver.StreamRequestHandler):
         elif request.op == "hello":
             answer(Reply(control.hello()))
         elif request.op == "metrics":
-            answer(lambda: Reply(json=control.metrics()))
+            answer(lambda: Reply(control.metrics()))
         else:
             control.put(request, answer)
         return None
@@ -237,37 +215,26 @@ class _Handler(socketserver.StreamRequestHandler):
             raise ControlError("this run cannot be watched")
         return watched
 
-    def _tell_until_hung_up(self, transaction: Transaction, connection: _ControlClient) -> None:
-        """Write each snapshot. What ends it is an error of writing, or a connection that was closed by us.
-
-        It counts as owed all the time, so that no connection which says nothing takes its place; one that is not read
-        ends by itself.
-        """
-        self.request.settimeout(min(UNREAD_MAX_S, self.server.control.idle_max_s))
-        while not connection.is_closed:
-            connection.turn(is_owed=True)
-            self._write(*self._put_into_words(connection.replies.get(), transaction))
-
-    def _put_into_words(self, reply: Reply | Callable[[], Reply], transaction: Transaction) -> tuple[bytes, Attached]:
-        """Return the line of an answer, and what follows it."""
+    def _write(self, reply: Reply | Callable[[], Reply], transaction: Transaction) -> None:
+        """Write the line of an answer, and what follows it."""
         with self.server.control.speaking:
             known = reply if isinstance(reply, Reply) else make_reply(reply)
-            return known.line(transaction), known.attached
-
-    def _write(self, line: bytes, attached: Attached) -> None:
+            line = known.line(transaction)
         self.wfile.write(line)
-        if attached:
-            self.wfile.write(attached)
+        if known.attached:
+            self.wfile.write(known.attached)
 
 
 class _SocketServer(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
-    """Accepts connections, in a thread of its own, and bounds how many there are."""
+    """Accepts connections, in a thread of its own, and serves each in one that keeps no process alive."""
 
     request_queue_size = 128
+    daemon_threads = True
+    block_on_close = False
 
     def __init__(self, control: ControlSocket) -> None:
         self.control = control
-        self.connections: dict[Any, _ControlClient] = {}
+        self.handlers: set[_Handler] = set()
         super().__init__(os.fspath(control.path), _Handler)
         self._thread = threading.Thread(target=self.serve_forever, args=(60.0,), name="control socket", daemon=True)
         self._thread.start()
@@ -279,12 +246,11 @@ class _SocketServer(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
         self._thread.join()
         self.server_close()
         until_s = time.monotonic() + END_WAIT_S
-        connections = list(self.connections.values())
-        for connection in connections:
-            connection.hang_up()
-        for connection in connections:
-            if connection.thread is not None:
-                connection.thread.join(max(0.0, until_s - time.monotonic()))
+        handlers = list(self.handlers)
+        for handler in handlers:
+            handler.hang_up()
+        for handler in handlers:
+            handler.thread.join(max(0.0, until_s - time.monotonic()))
 
     def server_bind(self) -> None:
         """Bind the socket for our user alone; one that a killed run left behind is replaced."""
@@ -302,30 +268,8 @@ class _SocketServer(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
             time.sleep(RETRY_S)
             raise
 
-    def process_request(self, request: Any, client_address: Any) -> None:
-        """Serve a connection in a thread of its own, which keeps no process alive."""
-        while len(self.connections) >= CONNECTIONS_MAX:
-            self._make_room()
-        connection = self.connections[request] = _ControlClient(request)
-        serve = partial(self.process_request_thread, request, client_address)
-        connection.thread = threading.Thread(target=serve, name="control client", daemon=True)
-        connection.thread.start()
-
-    def close_request(self, request: Any) -> None:
-        """Close a connection that has ended, however it did."""
-        self.connections.pop(request, None)
-        super().close_request(request)
-
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing: the connection is closed, and what clients send must not fill a log."""
-
-    def _make_room(self) -> None:
-        """Hang up on the client that is silent for longest; if all wait for answers, on the one that waits longest."""
-        waiting = list(self.connections.values())
-        longest = min(waiting, key=lambda each: (each.is_owed, each.since_s), default=None)
-        if longest is not None:
-            self.connections.pop(longest.socket, None)
-            longest.hang_up()
 
 
 def make_reply(reply: Callable[[], Reply]) -> Reply:

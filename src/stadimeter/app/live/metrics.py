@@ -6,7 +6,6 @@ Names follow https://prometheus.io/docs/practices/naming/.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
@@ -15,14 +14,13 @@ from typing import Any, NamedTuple
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.health import CONNECTED, LiveHealth
 from stadimeter.app.live.history import RunHistory
-from stadimeter.app.live.snapshot import SAMPLES_AT_ONCE, LiveFeed
+from stadimeter.app.live.snapshot import LiveFeed
 from stadimeter.core.decision import EventKind, RuleStatus, SafetyMode
 from stadimeter.core.measurement import TrackStatus
 
 # Figures of a cycle older than this are not those of now: outputs are at their safe values long before.
 STALE_S = 2.0
 
-_JSON = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 _Values = Iterable[tuple[Mapping[str, str], float | None]]
 
 
@@ -55,17 +53,6 @@ def metric_families(feed: LiveFeed, deliveries: Callable[[], Sequence[Mapping[st
         found += [_gauge("frame_rate_hertz", "Pictures a second, of late.", health.frame_rate_hz)]
         found += [*_targets(snapshot.record), *_rules(snapshot.record), *_outputs(snapshot.record)]
     return [each for each in found if each.samples]
-
-
-def metrics_json(families: Iterable[Family]) -> str:
-    """Return them as JSON, in pieces: until the encoder is done with one, it keeps the interpreter from the loop."""
-    return f"[{','.join(map(_family_json, families))}]"
-
-
-def _family_json(family: Family) -> str:
-    samples = family.samples
-    pieces = [samples[at : at + SAMPLES_AT_ONCE] for at in range(0, len(samples), SAMPLES_AT_ONCE)]
-    return f"{_JSON.encode(family[:3])[:-1]},[{','.join(_JSON.encode(each)[1:-1] for each in pieces)}]]"
 
 
 def _counters(history: RunHistory) -> Iterator[Family]:

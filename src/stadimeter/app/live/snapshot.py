@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections import defaultdict
@@ -22,7 +21,7 @@ from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
 from stadimeter.core.conditions.remembered import RememberedCondition
-from stadimeter.core.decision import Decision, Event, OutputTrace, RuleTrace
+from stadimeter.core.decision import Decision, Event, OutputTrace
 from stadimeter.core.detection import Detection, RejectedCandidate
 from stadimeter.core.measurement import MeasurementStatus, Track
 from stadimeter.core.message import Message
@@ -189,51 +188,21 @@ class LiveFeed(Struct):
         return self.unix_time_s() - self.clock.now_s()
 
 
-# A snapshot as JSON, in parts: what all who watch get is put into words once ----------------------
+# A snapshot as JSON has it -------------------------------------------------------------------------
 #
 # SI units, pixels, radians. What is not known is null, never NaN: JSON has no such number.
 
 
-# After this many the interpreter is given to the loop, if it waits for it: else it would wait for up to 5 ms.
 OUTLINE_POINTS_MAX = 64
 REJECTED_MAX = 8
 MESSAGES_MAX = 10
-SAMPLES_AT_ONCE = 200
-
-GIVE_WAY_S = 1e-5
 
 # What a rule's trace and its snapshot call the same.
 TRACE_FACTS = ("active", "acknowledged", "inhibits", "chattering", "first_out", "output")
 
-# Of more rules than this, those that do not change say in turn why: to work that out takes up to 0.1 ms each.
-REASONS_AT_ONCE = 12
 
-_JSON = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
-
-
-class ReasonsInTurn:
-    """The reasons why each rule does what it does, in words. A rule that has changed says so at once."""
-
-    def __init__(self) -> None:
-        self._known: dict[str, tuple[RuleTrace, str]] = {}
-        self._next = 0
-
-    def of(self, decision: Decision) -> dict[str, str]:
-        """Return the words of every rule, by its name."""
-        rules, before = decision.rules, self._known
-        changed = {trace.rule for trace in rules if trace.rule not in before or before[trace.rule][0] is not trace}
-        turns = min(len(rules), max(0, REASONS_AT_ONCE - len(changed)))
-        due = changed | {rules[(self._next + turn) % len(rules)].rule for turn in range(turns)}
-        self._next += turns
-        self._known = {
-            trace.rule: (trace, why(decision, trace.rule)) if trace.rule in due else before[trace.rule]
-            for trace in rules
-        }
-        return {name: words for name, (_, words) in self._known.items()}
-
-
-def shared_json(snapshot: RunSnapshot, number: int, now_s: float, unix_offset_s: float, reasons: ReasonsInTurn) -> str:
-    """Return the part of a snapshot that all who watch get, as a JSON object without the brace that closes it.
+def shared_data(snapshot: RunSnapshot, number: int, now_s: float, unix_offset_s: float) -> dict[str, Any]:
+    """Return the part of a snapshot that all who watch get.
 
     Args:
         number: Counts the snapshots.
@@ -242,13 +211,13 @@ def shared_json(snapshot: RunSnapshot, number: int, now_s: float, unix_offset_s:
     """
     record = snapshot.record
     decision = record.decision if record is not None else None
-    shared = {
+    return {
         "n": number,
         "now_s": _rounded(now_s),
         "unix_s": _rounded(now_s + unix_offset_s),
         "frame": frame_data(snapshot.seen, unix_offset_s),
         "targets": [_target(snapshot, track) for track in decision.tracks] if decision is not None else [],
-        "rules": list(_rules(snapshot.plan, decision, reasons)) if decision is not None else [],
+        "rules": list(_rules(snapshot.plan, decision)) if decision is not None else [],
         "outputs": list(_outputs(snapshot)),
         "figures": list(_remembered(snapshot.plan, decision)) if decision is not None else [],
         "safety": _safety(decision),
@@ -259,18 +228,19 @@ def shared_json(snapshot: RunSnapshot, number: int, now_s: float, unix_offset_s:
         "narration": snapshot.narration,
         "run": snapshot.run,
     }
-    return _JSON.encode(shared)[:-1]
 
 
-def events_json(events: Iterable[Event], unix_offset_s: float) -> str:
-    """Return events as a JSON list; `unix_offset_s` is what the computer's clock is ahead of the run's."""
-    return _JSON.encode([_event(each, unix_offset_s) for each in events])
+def events_data(events: Iterable[Event], unix_offset_s: float) -> list[dict[str, Any]]:
+    """Return events as JSON has them; `unix_offset_s` is what the computer's clock is ahead of the run's."""
+    return [_event(each, unix_offset_s) for each in events]
 
 
-def samples_json(samples: Mapping[str, Iterable[DistanceSample]]) -> str:
-    """Return distances as a JSON object: by target a list of time, distance or null, and standard deviation."""
-    listed = (f"{_JSON.encode(name)}:[{','.join(_listed(found))}]" for name, found in samples.items())
-    return f"{{{','.join(listed)}}}"
+def samples_data(samples: Mapping[str, Iterable[DistanceSample]]) -> dict[str, Any]:
+    """Return by target a list of time, distance or null, and standard deviation."""
+    return {
+        name: [(_rounded(at_s), _rounded(distance_m, 4), _rounded(sigma_m, 4)) for at_s, distance_m, sigma_m in found]
+        for name, found in samples.items()
+    }
 
 
 def frame_data(seen: Seen | None, unix_offset_s: float) -> dict[str, Any] | None:
@@ -298,14 +268,6 @@ def outline_of(detection: Detection, *, has_corners: bool) -> list[list[float]]:
         points = points[np.linspace(0, len(points) - 1, OUTLINE_POINTS_MAX).astype(int)]
     outline: list[list[float]] = np.round(points, 1).tolist()
     return outline
-
-
-def _listed(samples: Iterable[DistanceSample]) -> Iterator[str]:
-    for number, (at_s, *figures) in enumerate(samples, start=1):
-        known = ("null" if each is None or not math.isfinite(each) else f"{each:.4f}" for each in figures)
-        yield f"[{at_s:.3f},{','.join(known)}]"
-        if not number % SAMPLES_AT_ONCE:
-            time.sleep(GIVE_WAY_S)
 
 
 def _target(snapshot: RunSnapshot, track: Track) -> dict[str, Any]:
@@ -349,9 +311,8 @@ def _candidate(rejected: RejectedCandidate) -> dict[str, Any]:
     }
 
 
-def _rules(plan: Plan | None, decision: Decision, reasons: ReasonsInTurn) -> Iterator[dict[str, Any]]:
+def _rules(plan: Plan | None, decision: Decision) -> Iterator[dict[str, Any]]:
     rules = {rule.name: rule for rule in plan.rules} if plan is not None else {}
-    words = reasons.of(decision)
     for trace in decision.rules:
         rule = rules.get(trace.rule)
         alarm = rule if isinstance(rule, AlarmRule) else None
@@ -366,7 +327,7 @@ def _rules(plan: Plan | None, decision: Decision, reasons: ReasonsInTurn) -> Ite
             "latches": alarm is not None and alarm.latch,
             "counts": alarm is not None and _counts(alarm),
             "set_thresholds": _set_thresholds(decision, trace.rule),
-            "reason": words[trace.rule],
+            "reason": why(decision, trace.rule),
         }
 
 

@@ -22,7 +22,7 @@ from stadimeter.app.control.recording import CLIPS
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.history import Seen
 from stadimeter.app.live.pictures import Pictures
-from stadimeter.app.live.snapshot import ReasonsInTurn, RunSnapshot, shared_json
+from stadimeter.app.live.snapshot import RunSnapshot, shared_data
 from stadimeter.app.recordings.journal import Journal, JournalHeader, load_recorded
 from stadimeter.config.files import JSON_MAX_BYTES, open_untrusted
 from stadimeter.core.detection import Detection, DetectionStatus, Points
@@ -238,7 +238,7 @@ def _values(desk: Desk, index: RecordingIndex, moment: RecordedMoment, seen: See
     unix_s = began_unix_s(index.recording.header, 0.0) + moment.at_s
     plan = _plan(desk, index)
     snapshot = RunSnapshot(record=record, seen=seen, started_s=now_s - moment.at_s, plan=plan)
-    told = json.loads(shared_json(snapshot, 0, now_s, unix_s - now_s, ReasonsInTurn()) + "}")
+    told = shared_data(snapshot, 0, now_s, unix_s - now_s)
     for target in told["targets"]:
         target["detection"], target["rejected"] = None, []
     return {"at_s": moment.at_s, "unix_s": unix_s, "seconds": index.seconds, **{key: told[key] for key in SHOWN}}
