@@ -15,17 +15,10 @@ from msgspec import Struct
 Takes = Literal["for_s", "one_shot", "key", "value"]
 
 
-def _help(*paragraphs: str, example: str, refused: str) -> str:
-    """Return the text of ``--help`` of an action on alarms."""
-    exit_code = f"**Exit code**: 0 done; 2 {refused}, no such rule, or no running instance."
-    return "\n\n".join([*paragraphs, "**Example**", f"- `stadimeter alarm {example}`", exit_code])
-
-
 class OperatorAction(StrEnum):
     """An action, by its name in the configuration and in events.
 
     Attributes:
-        command: Its name at the control socket and on the command line.
         summary: One line for the description of the API.
         help: The text of ``--help``; empty for an action that shares the command of another.
         is_on_outputs: Whether it concerns every output, the camera or the run itself, and no rule.
@@ -33,7 +26,6 @@ class OperatorAction(StrEnum):
             its ``key``, and a ``value``.
     """
 
-    command: str
     summary: str
     help: str
     is_on_outputs: bool
@@ -43,17 +35,30 @@ class OperatorAction(StrEnum):
         cls,
         name: str,
         summary: str = "",
-        help: str = "",  # noqa: A002 - as typer calls it
-        command: str = "",
-        is_on_outputs: bool = False,
+        more: str = "",
+        example: str = "",
+        refused: str = "",
         takes: tuple[Takes, ...] = (),
     ) -> Self:
-        """Make a row."""
+        """Make a row; of an action on alarms, the one with an ``example``, `more` is the middle of its help."""
         action = str.__new__(cls, name)
         action._value_ = name
-        action.command, action.summary, action.help = command or name, summary, help
-        action.is_on_outputs, action.takes = is_on_outputs, takes
+        action.summary, action.help, action.is_on_outputs, action.takes = summary, more, not example, takes
+        if example:
+            ending = f"**Exit code**: 0 done; 2 {refused}, no such rule, or no running instance."
+            parts = (
+                f"{summary}, in a running instance.",
+                more,
+                f"**Example**\n\n- `stadimeter alarm {example}`",
+                ending,
+            )
+            action.help = "\n\n".join(filter(None, parts))
         return action
+
+    @property
+    def command(self) -> str:
+        """Its name at the control socket and on the command line."""
+        return "ack" if self is OperatorAction.ACKNOWLEDGE else self.value
 
     @property
     def lets_outputs_act(self) -> bool:
@@ -76,115 +81,47 @@ class OperatorAction(StrEnum):
         return "value" in self.takes
 
     ACKNOWLEDGE = (
-        "acknowledge",
-        "Acknowledge an alarm",
-        _help(
-            "Acknowledge an alarm of a running instance: a person has seen it.",
-            'For rules with `ack = "required"`. An event records who acknowledged it, when and why.',
-            example='ack too-close --why "moved the ladder"',
-            refused="there is nothing to acknowledge",
-        ),
-        "ack",
-    )
+        "acknowledge", "Acknowledge an alarm",
+        'A person has seen it. For rules with `ack = "required"`. An event records who acknowledged it, when and why.',
+        'ack too-close --why "moved the ladder"', "there is nothing to acknowledge",
+    )  # fmt: skip
     RESET = (
-        "reset",
-        "End a latched alarm",
-        _help(
-            "End a latched alarm of a running instance, whose condition must be over; or let a rule count anew.",
-            example="reset too-close",
-            refused="it is not latched, its condition still holds",
-        ),
-    )
+        "reset", "End a latched alarm", "Its condition must be over. A rule that counts counts anew.",
+        "reset too-close", "it is not latched, its condition still holds",
+    )  # fmt: skip
     SHELVE = (
-        "shelve",
-        "Keep a rule quiet for a while",
-        _help(
-            "Shelve a rule of a running instance: for a while it is still evaluated, but drives nothing.",
-            "It notifies no one either, and acts again by itself when the time is over. A rule of severity `safety` "
-            "cannot be shelved.",
-            example='shelve too-close --for "30 min" --why "painting"',
-            refused="the rule does not allow it",
-        ),
-        "",
-        False,
-        ("for_s", "one_shot"),
-    )
-    UNSHELVE = (
-        "unshelve",
-        "Let a shelved rule act again",
-        _help(
-            "Let a shelved rule of a running instance act again.", example="unshelve --all", refused="it is not shelved"
-        ),
-    )
+        "shelve", "Keep a rule quiet for a while",
+        "It is still evaluated, but drives nothing and notifies no one. A rule of severity `safety` cannot be shelved.",
+        'shelve too-close --for "30 min" --why "painting"', "the rule does not allow it", ("for_s", "one_shot"),
+    )  # fmt: skip
+    UNSHELVE = ("unshelve", "Let a shelved rule act again", "", "unshelve --all", "it is not shelved")
     TAKE_OUT = (
-        "take-out",
-        "Take a rule out of service",
-        _help(
-            "Take a rule of a running instance out of service, until it is put back.",
-            "The rule is still evaluated, but drives nothing and notifies no one, also after a restart. A rule of "
-            "severity `safety` cannot be taken out.",
-            example='take-out too-close --why "the door is being repaired"',
-            refused="it is a safety rule",
-        ),
-    )
-    PUT_BACK = (
-        "put-back",
-        "Put a rule back into service",
-        _help(
-            "Put a rule of a running instance back into service.",
-            example="put-back too-close",
-            refused="it is not out of service",
-        ),
-    )
+        "take-out", "Take a rule out of service",
+        "Until it is put back it drives nothing and notifies no one, also after a restart. No rule of `safety`.",
+        'take-out too-close --why "the door is being repaired"', "it is a safety rule",
+    )  # fmt: skip
+    PUT_BACK = ("put-back", "Put a rule back into service", "", "put-back too-close", "it is not out of service")
     OBSERVE = (
-        "observe",
-        "Let a rule be observed only",
-        _help(
-            "Let a rule of a running instance be observed only, until it acts again.",
-            "It does what `observe = true` does in the configuration: the rule is evaluated and explained like any "
-            "other, but drives nothing and sends nothing, also after a restart. A rule of severity `safety` cannot be.",
-            example='observe too-close --why "trying its new threshold"',
-            refused="it is a safety rule, or is only observed already",
-        ),
-    )
+        "observe", "Let a rule be observed only",
+        "As with `observe = true` it drives nothing and sends nothing, also after a restart. No rule of `safety`.",
+        'observe too-close --why "trying its new threshold"', "it is a safety rule, or is only observed already",
+    )  # fmt: skip
     ACT = (
-        "act",
-        "Let a rule act that was only observed",
-        _help(
-            "Let a rule of a running instance act again that an operator had let be observed only.",
-            example="act too-close",
-            refused="it is not only observed, or its configuration says so",
-        ),
-    )
+        "act", "Let a rule act that was only observed", "An operator had let it be observed only.",
+        "act too-close", "it is not only observed, or its configuration says so",
+    )  # fmt: skip
     SET_THRESHOLD = (
-        "set-threshold",
-        "Move a threshold of a rule",
-        _help(
-            "Move a threshold of a rule of a running instance, until it is withdrawn.",
-            "The value has a unit, and is bounded as in the configuration. It outlasts a restart, and a reload unless "
-            "that changes this threshold: then the configuration counts, and an event says so. The thresholds of a "
-            "rule of severity `safety` cannot be moved.",
-            example='set-threshold too-close "60 cm"',
-            refused="the value is out of range, the rule has several thresholds and --key names none, it is a safety "
-            "rule",
-        ),
-        "",
-        False,
+        "set-threshold", "Move a threshold of a rule",
+        "Bounded as in the configuration; until withdrawn, or a reload changes this threshold. None of `safety`.",
+        'set-threshold too-close "60 cm"',
+        "the value is out of range, the rule has several thresholds and --key names none, it is a safety rule",
         ("key", "value"),
-    )
+    )  # fmt: skip
     WITHDRAW_THRESHOLD = (
-        "withdraw-threshold",
-        "Return a threshold to what the configuration says",
-        _help(
-            "Return a threshold of a rule of a running instance to what the configuration says.",
-            "Without --key, every threshold of the rule that was set.",
-            example="withdraw-threshold too-close",
-            refused="it is not set",
-        ),
-        "",
-        False,
-        ("key",),
-    )
+        "withdraw-threshold", "Return a threshold to what the configuration says",
+        "Without --key, every threshold of the rule that was set.",
+        "withdraw-threshold too-close", "it is not set", ("key",),
+    )  # fmt: skip
     STOP_OUTPUTS = (
         "stop-outputs",
         "Put every output at its safe value, until they are released",
@@ -203,10 +140,8 @@ class OperatorAction(StrEnum):
 
         **Exit code**: 0 done, also if it was done already; 2 no instance runs, or one of them does not answer.
         """,
-        "",
-        True,
     )
-    RELEASE_OUTPUTS = ("release-outputs", "Let outputs that were stopped act again", "", "", True)
+    RELEASE_OUTPUTS = ("release-outputs", "Let outputs that were stopped act again")
     ARM = (
         "arm",
         "Let outputs act from now on",
@@ -223,8 +158,6 @@ class OperatorAction(StrEnum):
 
         **Exit code**: 0 done, also if it was armed already; 2 refused, or no instance runs.
         """,
-        "",
-        True,
     )
     DISARM = (
         "disarm",
@@ -240,8 +173,6 @@ class OperatorAction(StrEnum):
 
         **Exit code**: 0 done, also if it was disarmed already; 2 no instance runs.
         """,
-        "",
-        True,
     )
     CLIP = (
         "clip",
@@ -257,8 +188,6 @@ class OperatorAction(StrEnum):
 
         **Exit code**: 0 done; 2 the run has no black box, or no instance runs.
         """,
-        "",
-        True,
     )
     CONFIRM_MOUNTING = (
         "confirm-mounting",
@@ -275,8 +204,6 @@ class OperatorAction(StrEnum):
 
         **Exit code**: 0 done; 2 there is nothing to confirm, or no instance runs.
         """,
-        "",
-        True,
     )
 
 

@@ -68,16 +68,17 @@ class Reporter:
         self._rules: dict[str, _Rule] = {}
         self._figures: dict[str, _Told] = {}
         self._pose, self._camera, self._health = _Told(), _Told(), _Told()
-        self._rules_before: tuple[RuleTrace, ...] = ()
-        self._held_back: set[str] = set()
 
     def messages(self, now_s: float, wall_clock: WallClock, decision: Decision, mark: str = "") -> tuple[Message, ...]:
         """Return the messages to report after each cycle: events, rules, targets with the mark of their distances."""
         messages = [event_message(event, self._boot_id, wall_clock(), self.clips) for event in decision.events]
-        for trace in self._changed(decision):
-            rule, severity = self._rules.setdefault(trace.rule, _Rule()), self._severities.get(trace.rule)
-            messages += rule.messages(now_s, wall_clock(), trace, severity, decision)
-            (self._held_back.add if rule.newest != rule.state else self._held_back.discard)(trace.rule)
+        sources = {event.source for event in decision.events}
+        for trace in decision.rules:
+            rule = self._rules.get(trace.rule) or self._rules.setdefault(trace.rule, _Rule())
+            if rule.trace is not trace or trace.rule in sources:  # of a hundred, few change in a cycle
+                severity = self._severities.get(trace.rule)
+                messages += rule.messages(now_s, wall_clock(), trace, severity, decision)
+                rule.trace = trace if rule.newest == rule.state else None
         for name, figure in decision.figures.items():
             told, value = self._figures.setdefault(name, _Told()), _rounded(figure)
             if told.take(topics.FIGURE_STATE, now_s, {"value": value}):
@@ -85,17 +86,6 @@ class Reporter:
         for track in decision.tracks:
             messages += self._targets.setdefault(track.target, _Target()).messages(now_s, wall_clock, track, mark)
         return tuple(messages)
-
-    def _changed(self, decision: Decision) -> list[RuleTrace]:
-        """Return the rules that there may be news of: of a hundred, few change in a cycle."""
-        before, self._rules_before = self._rules_before, decision.rules
-        names = self._held_back | {event.source for event in decision.events}
-        if before is decision.rules and not names:
-            return []
-        if len(before) != len(decision.rules):
-            return list(decision.rules)
-        pairs = zip(decision.rules, before, strict=True)
-        return [trace for trace, last in pairs if trace is not last or trace.rule in names]
 
     def pose(self, now_s: float, wall_clock: WallClock, pose: CameraPose | None) -> tuple[Message, ...]:
         """Report where the camera is; nothing without a new pose."""
@@ -130,9 +120,10 @@ class Reporter:
         before, self.retained = self.retained, _retained_topics(rules, figures)
         self._severities, self._figures = _severities(rules), {}
         gone = self._rules.keys() - {rule.name for rule in rules}
-        self._held_back = {rule.name for rule in rules}  # each is looked at once more: its severity may be another
         for name in gone:
             del self._rules[name]
+        for rule in self._rules.values():
+            rule.trace = None  # its severity may be another
         return clearing(before - self.retained)
 
     def info(self, configuration_sha256: str) -> Message:
@@ -233,11 +224,13 @@ class _Rule(_Told):
     """The state and the settings of a rule that were published last.
 
     Attributes:
+        trace: What it did when that was published; None while a newer state is held back.
         is_data_lost: Whether its alarm stands and nothing can confirm it.
         since: The time of day since which it has been active or not.
         set_as: The rule and whether it is out of service, as they were when its settings were looked at last.
     """
 
+    trace: RuleTrace | None = None
     is_data_lost: bool = False
     since: str = ""
     set_as: tuple[AlarmRule, bool] | None = None
