@@ -444,7 +444,7 @@ class RecordedCycle:
         return self._rules
 
     def decision(self) -> Decision:
-        """Return what was decided."""
+        """Return the decision of the cycle."""
         return self._read(self._part("decision"), Decision)
 
     def record(self) -> CycleRecord:
