@@ -57,7 +57,7 @@ def _picture(*, stripe: bool = False, speckle: float = 0.0, shadow: bool = False
 def _find(image: Image, start: ImageCircle, within_px: float, camera: CameraModel) -> Limb | None:
     """Fit a limb as the detector does while no other ball is sure."""
     limb = find_limb(image, start, within_px, camera)
-    if limb is None or not limb.is_doubtful:
+    if limb is None or not limb.is_doubtful():
         return limb
     scene = BallScene(image=image, lens=camera, is_lens_known=True, colour=None, radii_px=(5.0, math.inf), seen=[])
     return look_by_colour(scene, limb, within_px)

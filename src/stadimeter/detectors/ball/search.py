@@ -20,6 +20,7 @@ from stadimeter.detectors.ball.evidence import (
     FILLED_ENOUGH,
     LIKELY,
     POSSIBLE_SMALL,
+    SURE,
     BallScene,
     FoundBall,
     hope,
@@ -62,7 +63,7 @@ def look_by_colour(scene: BallScene, best: Limb, within_px: float) -> Limb:
         limb, within_px = found, near_px(found)
         looks.append(limb)
         best = limb if limb.worth >= best.worth else best
-        if not limb.is_doubtful or max(hope(scene, each) for each in looks) < POSSIBLE_SMALL:
+        if not limb.is_doubtful() or max(hope(scene, each) for each in looks) < POSSIBLE_SMALL:
             break
     # Looks that are nearly as well supported but disagree: their spread becomes part of σ (0.8 of it, see
     # `Limb.radius_sigma_px`).
@@ -107,7 +108,7 @@ def search_blobs(scene: BallScene, blobs: Sequence[Blob]) -> None:
             blob.fill >= FILLED_ENOUGH and limb.circle.radius_px > blob.circle.radius_px - MAX_CELLS_MORE * blob.step
         )
         ball = weigh(scene, limb, is_alike=is_alike)
-        if limb.is_doubtful:
+        if limb.is_doubtful(is_sure=ball.evidence >= SURE):
             doubts.append((ball, reach_px))
         else:
             scene.seen.append(ball)
@@ -161,5 +162,5 @@ def search_at(scene: BallScene, start: ImageCircle, reach_px: float) -> FoundBal
     if limb is None:
         return None
     ball = weigh(scene, limb)
-    scene.seen.append(look_again(scene, ball, reach_px) if limb.is_doubtful else ball)
+    scene.seen.append(look_again(scene, ball, reach_px) if limb.is_doubtful(is_sure=ball.evidence >= SURE) else ball)
     return scene.seen[-1]
