@@ -310,7 +310,6 @@ observe = true
         "Latches: stands until `stadimeter alarm reset near`, after an acknowledgement. "
         "Must be acknowledged. "
         "Is reported again every 5 min while it stands. "
-        "The first alarm of the group `door` is marked as such. "
         "Keeps quiet while `quiet` is active."
     )
     assert sentences[-1].endswith("Is only observed: it drives nothing and sends nothing.")

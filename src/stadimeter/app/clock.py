@@ -323,7 +323,7 @@ def wall_time(now: datetime, configuration: Configuration) -> WallTime:
     zone = place.zone if place is not None else None
     local = now if now.tzinfo is None else now.astimezone(zone)
     shown = time_of_day(local)
-    if not configuration.needs_sun or place is None or place.latitude is None or place.longitude is None:
+    if not configuration.plan.needs_sun or place is None or place.latitude is None or place.longitude is None:
         return shown
     sunrise_s, sunset_s = sun_times_s(place.latitude, place.longitude, zone, local.date())
     return replace(shown, sunrise_s=sunrise_s, sunset_s=sunset_s)

@@ -14,13 +14,11 @@ from stadimeter.core.conditions.compounds import Condition, leaves
 from stadimeter.core.conditions.evidence import describe_begin, describe_end
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
 from stadimeter.core.conditions.remembered import RememberedFigure
-from stadimeter.core.plan import BaseOutput, LevelOutput, Output
+from stadimeter.core.plan import BaseOutput, LevelOutput
 from stadimeter.core.rule import (
     ALWAYS,
-    RAISES_PER_MIN_MAX,
     AlarmRule,
     AnyRule,
-    DelayTolerance,
     EscalationStep,
     FollowRule,
     LostPolicy,
@@ -30,10 +28,7 @@ from stadimeter.core.rule import (
     ReportRule,
 )
 from stadimeter.core.rules.ramp import when_in_words
-from stadimeter.core.rules.scheduler import contested_outputs
 from stadimeter.core.words import duration, figure_in_words, length
-
-_TOLERANCE = DelayTolerance()
 
 # Of more rules than these, the rest are counted: a list of hundreds is of no use.
 NAMED_MAX = 10
@@ -48,7 +43,7 @@ def describe(configuration: Configuration) -> tuple[str, ...]:
     """
     rules = [_rule(rule, configuration) for rule in configuration.plan.rules]
     figures = [_figure(figure) for figure in configuration.plan.named_figures]
-    return (*_parts(configuration), *figures, *rules, *_combined(configuration))
+    return (*_parts(configuration), *figures, *rules)
 
 
 def _parts(configuration: Configuration) -> Iterator[str]:
@@ -64,8 +59,6 @@ def _parts(configuration: Configuration) -> Iterator[str]:
     if configuration.web is not None:
         yield f"Its page for browsers is at port {configuration.web.port}, {_where(configuration.web)}."
     yield from _describe_kept(configuration)
-    if configuration.plan.safety.liveness and any(_tilts(each) for each in configuration.plan.outputs):
-        yield "Liveness by motion judges how the camera turns, and not how it tilts."
     for button, table in configuration.button_tables.items():
         yield f"The button `{button}`, pressed, {_pressed(table.press, table)}.{_held(table)}"
 
@@ -83,10 +76,6 @@ def _figure(figure: RememberedFigure) -> str:
     what = f"percentile {figure.percentile:g}" if figure.statistic == "percentile" else figure.statistic
     of = f"{figure.quantity.replace('_', ' ')} of `{figure.target}` {figure.window}"
     return f"Remembers `{figure.name}`: the {'median' if what == 'percentile 50' else what} of the {of}."
-
-
-def _tilts(output: Output) -> bool:
-    return isinstance(output, BaseOutput) and output.tilts
 
 
 def _where(web: WebTable) -> str:
@@ -111,16 +100,6 @@ def _pressed(action: str, table: ButtonTable) -> str:
     }.get(action, action + "s {}")
     lasting = f" for {duration(table.shelve_for)}" if action == "shelve" and table.shelve_for else ""
     return does.format(f"`{table.rule}`" if table.rule else "every alarm that it can") + lasting
-
-
-def _combined(configuration: Configuration) -> Iterator[str]:
-    contested = contested_outputs(configuration.plan.rules)
-    for output in configuration.plan.outputs:
-        if output.name in contested:
-            yield f"Where rules of one priority drive `{output.name}`, {_COMBINED[output.combine]} counts."
-
-
-_COMBINED = {"max": "the highest level", "min": "the lowest level", "most_restrictive": "the slower of each speed"}
 
 
 def _lens(model: CameraModel) -> str:
@@ -160,7 +139,7 @@ def _gate(rule: AnyRule) -> str:
 def _alarm(rule: AlarmRule, configuration: Configuration) -> str:
     condition = f"{_acts(rule, configuration)} when {describe_begin(rule.condition)}{_delay(rule.on_delay)}"
     besides = "".join(f" {sentence}." for sentence in _sentences(rule, configuration))
-    return f"{condition}; clears {_ends(rule)}{_tolerance(rule)}.{_lost_alarm(rule)}{besides}"
+    return f"{condition}; clears {_ends(rule)}.{_lost_alarm(rule)}{besides}"
 
 
 def _acts(rule: AlarmRule, configuration: Configuration) -> str:
@@ -189,17 +168,6 @@ def _delay(delay: OnDelay) -> str:
 def _ends(rule: AlarmRule) -> str:
     held = f"for {rule.off_delay_s:g} s" if rule.off_delay_s else "at once"
     return f"when {describe_end(rule.condition)} {held}"
-
-
-def _tolerance(rule: AlarmRule) -> str:
-    tolerance = rule.delay_tolerance
-    if tolerance == _TOLERANCE:
-        return ""
-    if tolerance.for_s:
-        return f"; up to {tolerance.for_s:g} s to the contrary start no delay over"
-    if tolerance.samples:
-        return f"; up to {tolerance.samples} frames in a row to the contrary start no delay over"
-    return "; any frame to the contrary starts a delay over"
 
 
 def _lost_alarm(rule: AlarmRule) -> str:
@@ -307,9 +275,6 @@ def _sentences(rule: AlarmRule, configuration: Configuration) -> Iterator[str]:
         yield "Must be acknowledged"
     if rule.realarm_s is not None:
         yield f"Is reported again every {duration(rule.realarm_s)} while it stands"
-    yield from _governor(rule)
-    if rule.group:
-        yield f"The first alarm of the group `{rule.group}` is marked as such"
     if rule.suppress_when is not None:
         yield f"Keeps quiet while {describe_begin(rule.suppress_when)}"
 
@@ -318,14 +283,6 @@ def _unlatched(rule: AlarmRule) -> str:
     if rule.ack_resets:
         return f"`stadimeter alarm ack {rule.name}`"
     return f"`stadimeter alarm reset {rule.name}`{', after an acknowledgement' if rule.ack == 'required' else ''}"
-
-
-def _governor(rule: AlarmRule) -> Iterator[str]:
-    most = rule.raises_per_min_max
-    if most == 0:
-        yield "Has no limit on chattering"
-    elif most != RAISES_PER_MIN_MAX:
-        yield f"Chatters when it is raised {most} times within a minute, and then stays active until it has calmed down"
 
 
 def _step(step: EscalationStep, configuration: Configuration) -> str:

@@ -56,16 +56,36 @@ _TAKEN: dict[str, set[str]] = {
 }
 
 
-class ChosenDrivers:
-    """The drivers that a configuration names: the base of a draft and of a configuration without errors.
+class ConfiguredParts(Struct, kw_only=True):
+    """The parts of a draft that a configuration without errors has, too.
 
     Attributes:
         drivers: Each driver whose table could be read, by the path of that table.
+        camera_model: The lens of the camera, with a second camera that of the stereo file; None if it names none.
+        rig: Both cameras, whose left one is the camera; None without a second camera.
+        button_tables: What each button asks of alarms, by its name.
+        sensor_tables: Where each range sensor looks, and what it keeps the base from, by its name.
+        mounting: Whether it is watched that the camera stays where it is.
+        web: The page on which a browser sees the run; None for none.
+        recording: What the run keeps by itself; None for nothing.
+        timeline: What it keeps for the page's timeline; None for what is usual.
+        black_box: What it keeps in memory, and writes around what happens; None for nothing.
+        place: Where it is, for schedules; None for anywhere, in the time zone of the computer.
+        landmarks: The tags of known places, which tell where the camera is; None for none.
     """
 
-    __slots__ = ()
-
-    drivers: Mapping[KeyPath, DriverChoice]
+    drivers: dict[KeyPath, DriverChoice] = field(default_factory=dict)
+    camera_model: CameraModel | None = None
+    rig: StereoRig | None = None
+    button_tables: dict[str, models.ButtonTable] = field(default_factory=dict)
+    sensor_tables: dict[str, models.SensorTable] = field(default_factory=dict)
+    mounting: MountingTable = field(default_factory=MountingTable)
+    web: models.WebTable | None = None
+    recording: RecordingTable | None = None
+    timeline: TimelineTable | None = None
+    black_box: BlackBoxTable | None = None
+    place: models.PlaceTable | None = None
+    landmarks: Landmarks | None = None
 
     @property
     def targets(self) -> tuple[DriverChoice, ...]:
@@ -135,14 +155,12 @@ def _robot(base: Any) -> dict[str, float]:
     return robot | {"ticks_per_metre": ticks / (math.pi * wheel)} if ticks and wheel else robot
 
 
-class Draft(ChosenDrivers, Struct, kw_only=True):
+class Draft(ConfiguredParts, kw_only=True):
     """A configuration as far as it could be read.
 
     Attributes:
         table: The whole file as the TOML parser read it.
         file_problems: What is wrong in a camera file that it names.
-        camera_model: The lens of the camera; with a second camera that of the stereo file.
-        rig: Both cameras, if there are two.
         output_tables: What every actuator has, and the base, by name.
         rules: The rules that could be read, by name.
         figures: The remembered figures likewise.
@@ -153,23 +171,11 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     table: Mapping[str, Any]
     findings: list[Finding] = field(default_factory=list)
     file_problems: list[Problem] = field(default_factory=list)
-    drivers: dict[KeyPath, DriverChoice] = field(default_factory=dict)
-    camera_model: CameraModel | None = None
-    rig: StereoRig | None = None
     camera_table: models.CameraTable = field(default_factory=models.CameraTable)
     target_tables: dict[str, models.TargetTable] = field(default_factory=dict)
-    button_tables: dict[str, models.ButtonTable] = field(default_factory=dict)
-    sensor_tables: dict[str, models.SensorTable] = field(default_factory=dict)
     output_tables: dict[str, models.ActuatorTable | models.BaseTable] = field(default_factory=dict)
     tracking: models.TrackingTable = field(default_factory=models.TrackingTable)
     safety: models.SafetyTable = field(default_factory=models.SafetyTable)
-    mounting: MountingTable = field(default_factory=MountingTable)
-    web: models.WebTable | None = None
-    recording: RecordingTable | None = None
-    timeline: TimelineTable | None = None
-    black_box: BlackBoxTable | None = None
-    place: models.PlaceTable | None = None
-    landmarks: Landmarks | None = None
     rules: dict[str, RuleTable] = field(default_factory=dict)
     figures: dict[str, FigureTable] = field(default_factory=dict)
     tests: dict[int, RuleTest] = field(default_factory=dict)

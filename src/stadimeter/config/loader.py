@@ -9,40 +9,30 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from msgspec import Struct, field
+from msgspec import field
 from msgspec.structs import replace
 
 import stadimeter
 from stadimeter.config.cross_checks import error_findings
-from stadimeter.config.draft import BASE_NAME, ChosenDrivers, Draft, read_draft
+from stadimeter.config.draft import BASE_NAME, ConfiguredParts, Draft, read_draft
 from stadimeter.config.driver_tables import CAMERA, MESSENGER, DriverKind, read_driver_table
 from stadimeter.config.files import CONFIGURATION_MAX_BYTES
 from stadimeter.config.findings import Finding, problems
-from stadimeter.config.models import (
-    ActuatorTable,
-    BaseTable,
-    ButtonTable,
-    PlaceTable,
-    SensorTable,
-    WebTable,
-)
-from stadimeter.config.optional_tables import BlackBoxTable, MountingTable, RecordingTable, TimelineTable
+from stadimeter.config.models import ActuatorTable, BaseTable
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.config.secrets import without_secrets
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import Texts, TomlSource, read_toml
 from stadimeter.config.units import validation_context
-from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.camera_pose import Footing, Landmarks, Mount
+from stadimeter.core.camera_pose import Footing, Mount
 from stadimeter.core.plan import Output, Plan
 from stadimeter.errors import ConfigError, Problem
 
 if TYPE_CHECKING:  # loaded only for configurations whose tests are asked for
     from stadimeter.config.rule_test_tables import RuleTest
-    from stadimeter.core.stereo_rig import StereoRig
 
 __all__ = ["Configuration", "DriverChoice", "is_demonstration", "load_camera_choice", "load_configuration"]
 
@@ -55,7 +45,7 @@ def is_demonstration(configuration: Path) -> bool:
     return configuration.resolve() == DEMONSTRATION.resolve()
 
 
-class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
+class Configuration(ConfiguredParts, frozen=True, kw_only=True, eq=False):  # type: ignore[misc]  # msgspec allows it
     """A configuration without errors.
 
     Attributes:
@@ -63,23 +53,11 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
         plan: What it declares, as the core sees it.
         rules: The rules of the plan, in its order, each beside its table in the file.
         spans: Where each key stands in the file.
-        camera_model: The lens, or None if it names none; then it has no rules.
         leases_s: For each output how old the frame behind a command may grow, in seconds.
         stays_off: The outputs that stay off for the rest of a run once their driver failed.
-        button_tables: What each button asks of alarms, by its name.
-        sensor_tables: Where each range sensor looks, and what it keeps the base from, by its name.
-        web: The page on which a browser sees the run; None for none.
-        recording: What the run keeps by itself; None for nothing.
-        timeline: What it keeps for the page's timeline; None for what is usual.
-        black_box: What it keeps in memory, and writes around what happens; None for nothing.
         footings: What is known of each target that is on the floor, by its name.
         mount: Where the camera sits on a robot; None for on none.
-        mounting: Whether it is watched that the camera stays where it is.
         tilt_sigma_rad: How well the camera's tilt is known; None where that is not said.
-        place: Where it is, for schedules; None for anywhere, in the time zone of the computer.
-        rig: Both cameras, whose left one is the camera; None without a second camera.
-        landmarks: The tags of known places, which tell where the camera is; None for none.
-        needs_sun: Whether a rule asks when the sun rises or sets.
         find_warnings: Finds what `warnings` gives.
         tests: The tests of its rules; none if they were not asked for.
     """
@@ -89,26 +67,13 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
     plan: Plan
     rules: tuple[CompiledRule, ...]
     spans: Mapping[KeyPath, SourceSpan]
-    drivers: Mapping[KeyPath, DriverChoice]
-    camera_model: CameraModel | None
     leases_s: Mapping[str, float]
     stays_off: frozenset[str]
     find_warnings: Callable[[], tuple[Problem, ...]]
     tests: tuple[RuleTest, ...] = ()
-    button_tables: Mapping[str, ButtonTable] = field(default_factory=dict)
-    sensor_tables: Mapping[str, SensorTable] = field(default_factory=dict)
-    web: WebTable | None = None
-    recording: RecordingTable | None = None
-    timeline: TimelineTable | None = None
-    black_box: BlackBoxTable | None = None
     footings: Mapping[str, Footing] = field(default_factory=dict)
     mount: Mount | None = None
-    mounting: MountingTable = field(default_factory=MountingTable)
     tilt_sigma_rad: float | None = None
-    place: PlaceTable | None = None
-    rig: StereoRig | None = None
-    landmarks: Landmarks | None = None
-    needs_sun: bool = False
 
     @property
     def camera(self) -> DriverChoice:
@@ -151,29 +116,17 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
     found = [*problems(findings, str(path), source.spans), *draft.file_problems]
     if found or draft.camera is None:
         raise ConfigError(found, _warnings(draft, path, source, findings))
-    plan = _plan(draft)
+    parts: dict[str, Any] = {name: getattr(draft, name) for name in ConfiguredParts.__struct_fields__}
     return Configuration(
+        **parts,
         path=path,
         text=text,
-        plan=plan,
+        plan=_plan(draft),
         rules=draft.compiled,
         spans=source.spans,
-        drivers=draft.drivers,
-        camera_model=draft.camera_model,
-        button_tables=draft.button_tables,
-        sensor_tables=draft.sensor_tables,
-        web=draft.web,
-        recording=draft.recording,
-        timeline=draft.timeline,
-        black_box=draft.black_box,
         footings=_footings(draft),
         mount=draft.camera_table.on_robot(),
-        mounting=draft.mounting,
         tilt_sigma_rad=draft.camera_table.tilt.sigma,
-        place=draft.place,
-        rig=draft.rig,
-        landmarks=draft.landmarks,
-        needs_sun=plan.needs_sun,
         leases_s={name: table.lease for name, table in draft.output_tables.items()},
         stays_off=frozenset(name for name, table in draft.output_tables.items() if table.after_fault == "stay_off"),
         find_warnings=cache(lambda: _warnings(draft, path, source)),
