@@ -30,9 +30,9 @@ size = "20 cm"
 
 @pytest.fixture
 def load(tmp_path):
-    def load(text, targets=""):
+    def load(text):
         path = tmp_path / "mower.toml"
-        path.write_text(f"{SIMULATED_BALL}\n[world]\n{targets}{text}")
+        path.write_text(f"{SIMULATED_BALL}\n[world]\n{text}")
         return load_configuration(path)
 
     return load
@@ -58,35 +58,24 @@ def test_a_change_of_a_place_asks_for_a_restart(load):
     assert needs_restart(load(GARDEN), load(GARDEN.replace('"0.5 m"', '"0.6 m"'))) == ("[landmarks]",)
 
 
-TARGET = '[targets.sign]\ndetector = "tag"\nside = "8 cm"\nid = 3\n'
-
-
 @pytest.mark.parametrize(
-    ("old", "new", "targets", "line", "says"),
+    ("old", "new", "line", "says"),
     [
-        ("id = 7", "id = 3", "", "id = 3", "tag 3 is listed twice"),
-        ('["6 m", "-1.5 m", "0 m"]', '["2.01 m", "0 m", "0.5 m"]', "", "at =", "are in one place"),
-        ('"-1.5 m"', '"-1.5"', "", "at =", "'-1.5' has no unit"),
-        ('["6 m", "-1.5 m", "0 m"]', '["6 m", "-1.5 m"]', "", "at =", "fewer than 3 entries"),
-        ("id = 7", "id = 587", "", "id =", "587 is not in apriltag-36h11"),
-        ('tag_size = "10 cm"', 'tag_size = "10 cm"\nfamily = "36h12"', "", "family =", "36h11"),
-        ('facing = "90 deg"\n', "", "", "", "'facing' is missing"),
-        ('facing = "90 deg"', 'facing = "90 deg"\nyaw = "1 deg"', "", "yaw", "unknown key 'yaw'"),
-        ("id = 7", "id = 7", TARGET, "id = 3", "tag 3 is 0.1 m large here, and as target 'sign' 0.08 m"),
+        ("id = 7", "id = 3", "id = 3", "tag 3 is listed twice"),
+        ('"-1.5 m"', '"-1.5"', "at =", "'-1.5' has no unit"),
+        ('["6 m", "-1.5 m", "0 m"]', '["6 m", "-1.5 m"]', "at =", "fewer than 3 entries"),
+        ("id = 7", "id = 587", "id =", "587 is not in apriltag-36h11"),
+        ('tag_size = "10 cm"', 'tag_size = "10 cm"\nfamily = "36h12"', "family =", "36h11"),
+        ('facing = "90 deg"\n', "", "", "'facing' is missing"),
+        ('facing = "90 deg"', 'facing = "90 deg"\nyaw = "1 deg"', "yaw", "unknown key 'yaw'"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_line(load, old, new, targets, line, says):
-    text = GARDEN.replace(old, new).replace('tilt = "90 deg"\n', "") if "2.01" in new else GARDEN.replace(old, new)
-    text = text.replace('facing = "180 deg"', 'facing = "80 deg"') if "2.01" in new else text
+def test_what_is_wrong_is_said_with_its_line(load, old, new, line, says):
+    text = GARDEN.replace(old, new)
     with pytest.raises(ConfigError) as caught:
-        load(text, targets)
+        load(text)
     (problem,) = caught.value.problems
     assert says in f"{problem.message} {problem.hint}"
     assert problem.key.startswith("landmarks")
-    lines = f"{SIMULATED_BALL}\n[world]\n{targets}{text}".splitlines()
+    lines = f"{SIMULATED_BALL}\n[world]\n{text}".splitlines()
     assert line in lines[problem.line - 1]
-
-
-def test_both_sides_of_a_board_may_bear_a_tag(load):
-    back = GARDEN.replace('["6 m", "-1.5 m", "0 m"]', '["2.01 m", "0 m", "0.5 m"]').replace('tilt = "90 deg"\n', "")
-    assert len(load(back.replace('facing = "180 deg"', 'facing = "-90 deg"')).landmarks.tags) == 2

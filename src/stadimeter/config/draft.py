@@ -377,7 +377,7 @@ class _Reader:
         if (landmarks := self._table("landmarks")) is not None:
             from stadimeter.config.landmark_tables import read_landmarks  # noqa: PLC0415 - most runs have none
 
-            found = read_landmarks(landmarks, self.draft.targets, self.context, self.draft.findings)
+            found = read_landmarks(landmarks, self.context, self.draft.findings)
             if found is not None:
                 self.draft.landmarks, self.draft.drivers["landmarks",] = found
 

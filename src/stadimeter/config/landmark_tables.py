@@ -1,7 +1,6 @@
 """The section ``[landmarks]``: tags whose places in the room are known. Loaded only where a configuration has one."""
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -72,12 +71,11 @@ class LandmarksTable(Section):
 
 
 def read_landmarks(
-    table: Mapping[str, Any], targets: Sequence[DriverChoice], context: Mapping[str, Any], findings: list[Finding]
+    table: Mapping[str, Any], context: Mapping[str, Any], findings: list[Finding]
 ) -> tuple[Landmarks, DriverChoice] | None:
     """Read the section; return the tags and their detector, None if it cannot be used.
 
     Args:
-        targets: What is measured: one of the tags may be a target too.
         findings: What is wrong in the section is added here.
     """
     found = validate(LandmarksTable, table, (SECTION,), context, findings)
@@ -92,7 +90,7 @@ def read_landmarks(
     for place, tag in enumerate(found.tags):
         read_driver_table(TARGET, (SECTION, "tags", place), driver | {"id": tag.id}, context, findings)
     landmarks = found.to_plan()
-    findings += [*_once_each(landmarks), *_apart(landmarks), *_as_targets(landmarks, choice, targets)]
+    findings += _once_each(landmarks)
     return landmarks, choice
 
 
@@ -103,29 +101,3 @@ def _once_each(landmarks: Landmarks) -> Iterator[Finding]:
             message = f"tag {number} is listed twice; one tag is in one place"
             hint = "leave one of them out, or print a tag of another number"
             yield Finding((SECTION, "tags", place, "id"), message, hint, "used-twice")
-
-
-def _apart(landmarks: Landmarks) -> Iterator[Finding]:
-    for place, tag in enumerate(landmarks.tags):
-        for other in landmarks.tags[:place]:
-            same_way = sum(a * b for a, b in zip(tag.normal, other.normal, strict=True)) > 0
-            if same_way and math.dist(tag.position_m, other.position_m) < (tag.side_m + other.side_m) / 4:
-                message = f"tags {other.number} and {tag.number} are in one place, and one would hide the other"
-                hint = f"measure where tag {tag.number} is: `at` is its centre, as x, y and z"
-                yield Finding((SECTION, "tags", place, "at"), message, hint, "used-twice")
-                break
-
-
-def _as_targets(landmarks: Landmarks, choice: DriverChoice, targets: Sequence[DriverChoice]) -> Iterator[Finding]:
-    """Find targets that are one of the tags, but of another size."""
-    family = getattr(choice.options, "family", "")
-    for target in targets:
-        options = target.options
-        if target.driver != "tag" or getattr(options, "family", "") != family:
-            continue
-        for place, tag in enumerate(landmarks.tags):
-            side_m = getattr(options, "side", tag.side_m)
-            if getattr(options, "id", None) == tag.number and not math.isclose(side_m, tag.side_m):
-                message = f"tag {tag.number} is {tag.side_m:g} m large here, and as target '{target.name}' {side_m:g} m"
-                hint = "measure the black square, and write it in both places; another tag needs another number"
-                yield Finding((SECTION, "tags", place, "id"), message, hint, "output-unfit")
