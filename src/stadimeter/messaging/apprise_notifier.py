@@ -315,4 +315,4 @@ class Delivery:
             self._reason = reason
             self._waiting.appendleft(tried)
             self._pause_s = min(self._pauses.next_s(), self._patience.alarm_pause_s)
-            self._changed.wait_for(lambda: self._is_stopping, self._pauses.spread_s(self._pause_s))
+            self._changed.wait_for(lambda: self._is_stopping, self._pause_s)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import random
-
 from msgspec import Struct
 
 
@@ -28,26 +26,16 @@ class Patience(Struct, frozen=True, kw_only=True):
 class BackOff:
     """Pauses that double from the first to the longest."""
 
-    SPREAD = 0.2
-    """A pause is up to this share shorter, so that many nodes do not storm a broker that comes back.
-
-    It is never longer: a broker that was repaired is reached after at most the longest pause.
-    """
-
     def __init__(self, patience: Patience) -> None:
         self._first_s = patience.first_pause_s
         self._longest_s = patience.longest_pause_s
         self._next_s = self._first_s
 
     def next_s(self) -> float:
-        """Return the next pause in seconds, without the spread."""
+        """Return the next pause in seconds."""
         pause_s = self._next_s
         self._next_s = min(self._longest_s, pause_s * 2)
         return pause_s
-
-    def spread_s(self, pause_s: float) -> float:
-        """Return a pause with the spread."""
-        return pause_s * random.uniform(1 - self.SPREAD, 1)  # noqa: S311 - nothing secret depends on it
 
     def reset(self) -> None:
         """Begin with the first pause again."""

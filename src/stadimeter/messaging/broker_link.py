@@ -20,6 +20,7 @@ from paho.mqtt.properties import MQTTException  # type: ignore[attr-defined] # p
 
 from stadimeter.core.home_assistant import Announcement
 from stadimeter.core.message import AVAILABILITY, RETAINED, Message
+from stadimeter.errors import DeviceOpenError
 from stadimeter.messaging.back_off import BackOff, Patience
 from stadimeter.messaging.mqtt_client import (
     OFFLINE,
@@ -175,34 +176,38 @@ class BrokerLink:
 
     paho is called in the link's thread only, and nowhere with a lock held: no other thread ever waits for it.
 
-    Args:
-        requests: Where other programs ask for something; None for nowhere.
-
     Attributes:
         queue: What is to be sent.
         retained: What the broker keeps, and what Home Assistant discovers.
+        requests: Where other programs ask for something; None for nowhere. Set before `start`.
     """
 
-    def __init__(
-        self, options: MqttSettings, secrets: Secrets, patience: Patience, requests: RequestTopics | None = None
-    ) -> None:
+    def __init__(self, options: MqttSettings, patience: Patience) -> None:
         self._options = options
-        self._requests = requests
-        self._secrets = secrets
         self._patience = patience
         self._back_off = BackOff(patience)
-        self._events = LinkEvents(options, requests.hear) if requests is not None else LinkEvents(options)
+        self._events = LinkEvents(options, self._hear)
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
+        self._thread = threading.Thread()
         self._why_not = f"not connected to {options.place} yet"
         self._version = V311 if options.protocol == "3.1.1" else V5
-        self._client = self._new_client()
         self.queue = SendQueue(options.base, self._events)
         self.retained = RetainedTopics(options, self.queue)
+        self.requests: RequestTopics | None = None
 
-    def start(self) -> None:
-        """Begin to connect."""
+    def start(self, secrets: Secrets) -> None:
+        """Begin to connect; `DeviceOpenError` if the last one has not ended yet."""
+        if self._thread.is_alive():
+            raise DeviceOpenError(f"the connection to {self._options.place} is still being closed")
+        self._secrets = secrets
+        self._client = self._new_client()
+        self._stopping.clear()
+        self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
         self._thread.start()
+
+    def _hear(self, message: MQTTMessage) -> None:
+        if self.requests is not None:
+            self.requests.hear(message)
 
     def send_now(self, topic: str, payload: bytes, content_type: str, correlation: bytes | None = None) -> bool:
         """Send to a topic that is not below the base, with QoS 0, or drop and count it. Returns at once."""
@@ -211,7 +216,7 @@ class BrokerLink:
 
     def deafness(self) -> str:
         """Return why requests are not heard although there is a connection, or an empty string."""
-        return self._requests.trouble() if self._requests is not None and self.queue.is_connected else ""
+        return self.requests.trouble() if self.requests is not None and self.queue.is_connected else ""
 
     def trouble(self) -> str:
         """Return in words what is wrong, or an empty string."""
@@ -223,6 +228,7 @@ class BrokerLink:
         self.queue.wake()
         # A look-up of a name may keep the thread longer; it then ends by itself.
         self._thread.join(2 * self._patience.goodbye_s)
+        self.queue.forget_own()
 
     def _run(self) -> None:
         while not self._stopping.is_set():
@@ -280,12 +286,12 @@ class BrokerLink:
         if not self.queue.is_connected:
             self._hand_over(ONLINE)
             self.retained.begin_over(self._client, self._events)
-            if self._requests is not None:
-                self._requests.begin_over(self._events, is_v5=self._version == V5)
+            if self.requests is not None:
+                self.requests.begin_over(self._events, is_v5=self._version == V5)
             self.queue.connect()
         self.retained.attend(self._client, self._events)
-        if self._requests is not None:
-            self._requests.attend(self._client, self._events)
+        if self.requests is not None:
+            self.requests.attend(self._client, self._events)
         self._hand_over()
 
     def _hand_over(self, *first: Message) -> None:
@@ -325,7 +331,7 @@ class BrokerLink:
         if self.queue.undelivered():
             pause_s = min(pause_s, self._patience.alarm_pause_s)
         self._why_not = f"{self._events.ending}; trying again in {pause_s:.3g} s"
-        return self._back_off.spread_s(pause_s)
+        return pause_s
 
     def _change_version(self) -> bool:
         """Try the other version if the broker seems not to speak this one; return whether it was changed."""
@@ -400,6 +406,15 @@ class SendQueue:
         with self._lock:
             undelivered = self._outbox.undelivered()
         return tuple([each for each in undelivered if not (each.topic.partition("/")[0] in _OURS or each.is_absolute)])
+
+    def forget_own(self) -> None:
+        """Forget the link's own messages, which another connection begins with anew."""
+        left, before = self.undelivered(), self._outbox
+        with self._lock:
+            self._outbox = MemoryOutbox()
+            self._outbox.dropped, self._outbox.given_up = before.dropped, before.given_up
+            for message in left:
+                self._outbox.add(message, time.monotonic())
 
     def send(self, message: Message) -> None:
         """Send a message, or let it wait (QoS 1), or drop and count it (QoS 0). Returns at once."""

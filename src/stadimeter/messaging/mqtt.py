@@ -10,7 +10,7 @@ from typing import Any
 from paho.mqtt.client import Client, MQTTMessage
 
 from stadimeter.config.plugins import DriverContext
-from stadimeter.core.home_assistant import Announcement, DiscoveryPlace
+from stadimeter.core.home_assistant import DiscoveryPlace
 from stadimeter.core.message import REQUEST, Message
 from stadimeter.errors import ConfigError, DeviceClosedError, DeviceOpenError
 from stadimeter.messaging.back_off import BackOff, Patience
@@ -79,48 +79,41 @@ class PahoMessenger:
 
     def __init__(self, options: MqttOptions, patience: Patience = Patience()) -> None:  # noqa: B008 - it is frozen
         self._options = options
-        self._patience = patience
-        self._link: BrokerLink | None = None
-        self._left: tuple[Message, ...] = ()
-        self._retained: frozenset[str] | None = None
-        self._requests: RequestTopics | None = None
+        self._link = BrokerLink(options, patience)
+        self._is_open = False
         self.orders: frozenset[str] = frozenset()
-        self._announcement: Announcement | None = None
-        self._dropped_before = 0
-        self._given_up_before = 0
+        self.undelivered = self._link.queue.undelivered
+        self.deafness = self._link.deafness
+        self.retain_only = self._link.retained.retain_only
+        self.announce = self._link.retained.announce
+        self.take_states_due = self._link.retained.take_states_due
+        self.take_forgotten = self._link.retained.take_forgotten
 
     @property
     def dropped(self) -> int:
         """Number of messages of QoS 0 that were lost for want of a connection, and states of QoS 1 replaced unsent."""
-        return self._dropped_before + (self._link.queue.dropped if self._link else 0)
+        return self._link.queue.dropped
 
     @property
     def given_up(self) -> int:
         """Number of messages of QoS 1 that were given up: too many waited, they expired, or the broker refused them."""
-        return self._given_up_before + (self._link.queue.given_up if self._link else 0)
+        return self._link.queue.given_up
 
     @property
     def commands(self) -> CommandLevel:
         """The commands that other programs may ask for."""
         return self._options.commands
 
-    def undelivered(self) -> tuple[Message, ...]:
-        """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first."""
-        link = self._link
-        return link.queue.undelivered() if link is not None else self._left
+    @property
+    def discovery_place(self) -> DiscoveryPlace | None:
+        """The place at which Home Assistant discovers this node; see `Discoverable`."""
+        return self._options.discovery_place
 
     def open(self) -> None:
         """Begin to connect and return at once. A broker that is away is not an error."""
-        if self._link is not None:
-            return
-        self._link = BrokerLink(self._options, read_secrets(self._options), self._patience, self._requests)
-        self._link.retained.announce(self._announcement)
-        if self._retained is not None:
-            self._link.retained.retain_only(self._retained)
-        left, self._left = self._left, ()
-        for message in left:
-            self._link.queue.send(message)
-        self._link.start()
+        if not self._is_open:
+            self._link.start(read_secrets(self._options))
+            self._is_open = True
 
     def publish(self, message: Message) -> None:
         """Hand a message over and return at once.
@@ -130,71 +123,35 @@ class PahoMessenger:
         """
         if not message.topic or not _NOT_IN_TOPICS.isdisjoint(message.topic):
             raise ConfigError(f"{message.topic!r} is not a topic to publish to; rename what it is made from")
-        if self._link is None:
+        if not self._is_open:
             raise DeviceClosedError(f"the messenger for {self._options.place} is not open; open it first")
         self._link.queue.send(message)
-
-    def retain_only(self, topics: frozenset[str]) -> None:
-        """Have the broker forget what an earlier run left on other topics; see `Retaining`."""
-        self._retained = topics
-        if self._link is not None:
-            self._link.retained.retain_only(topics)
 
     def listen(
         self, topics: Collection[str], offered: Collection[str], receive: Callable[[RequestMessage], None]
     ) -> None:
         """Receive what comes on topics of requests; see `TakesRequests`."""
         self.orders = frozenset(offered)
-        self._requests = RequestTopics(self._options, topics, receive)
+        self._link.requests = RequestTopics(self._options, topics, receive)
 
     def respond(self, request: RequestMessage, topic: str, payload: bytes) -> None:
         """Answer a request; see `TakesRequests`."""
-        if (link := self._link) is not None:
-            place = request.response_topic or f"{self._options.base}/{topic}"
-            link.send_now(place, payload, "application/json", request.correlation)
+        place = request.response_topic or f"{self._options.base}/{topic}"
+        self._link.send_now(place, payload, "application/json", request.correlation)
 
     def show(self, topic: str, payload: bytes, content_type: str) -> bool:
         """Send a picture; return whether it can be sent."""
-        link = self._link
-        return link is not None and link.send_now(f"{self._options.base}/{topic}", payload, content_type)
-
-    def deafness(self) -> str:
-        """Return why requests are not received although there is a connection."""
-        link = self._link
-        return link.deafness() if link is not None else ""
-
-    @property
-    def discovery_place(self) -> DiscoveryPlace | None:
-        """The place at which Home Assistant discovers this node; see `Discoverable`."""
-        return self._options.discovery_place
-
-    def announce(self, announcement: Announcement) -> None:
-        """Have Home Assistant discover this, over every connection; see `Discoverable`."""
-        self._announcement = announcement
-        if self._link is not None:
-            self._link.retained.announce(announcement)
-
-    def take_states_due(self) -> bool:
-        """Return, once each time, whether states are to be published again; see `Discoverable`."""
-        return self._link is not None and self._link.retained.take_states_due()
-
-    def take_forgotten(self) -> bool:
-        """Return, once each time, whether the broker has forgotten what it kept; see `Discoverable`."""
-        return self._link is not None and self._link.retained.take_forgotten()
+        return self._link.send_now(f"{self._options.base}/{topic}", payload, content_type)
 
     def trouble(self) -> str:
         """Return in words what is wrong with the connection, or an empty string if it stands."""
-        return self._link.trouble() if self._link else f"the messenger for {self._options.place} is not open"
+        return self._link.trouble() if self._is_open else f"the messenger for {self._options.place} is not open"
 
     def close(self) -> None:
         """Say that we go offline, wait a moment at most for what is on its way, and disconnect."""
-        if self._link is None:
-            return
-        self._link.stop()
-        self._left = self._link.queue.undelivered()
-        self._dropped_before += self._link.queue.dropped
-        self._given_up_before += self._link.queue.given_up
-        self._link = None
+        if self._is_open:
+            self._is_open = False
+            self._link.stop()
 
 
 # A program that listens to topics of others ---------------------------------------------------------
@@ -299,7 +256,7 @@ class MqttSubscription:
             self._back_off.reset()
         if self._options.protocol == "auto" and self._events.suspects_version:
             self._version = V5 if self._version == V311 else V311
-        self._next_try_s = time.monotonic() + self._back_off.spread_s(self._back_off.next_s())
+        self._next_try_s = time.monotonic() + self._back_off.next_s()
         self._drop_client()
 
     def _drop_client(self) -> None:
