@@ -37,7 +37,6 @@ from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import ConfigError, JournalError, NotThereError
 from stadimeter.ranging.ball import BallShape
 from stadimeter.workbench.replay import comparison
-from stadimeter.workbench.replay.comparison import SPANS_MAX, Lane
 from stadimeter.workbench.replay.recording_reader import read_index
 from stadimeter.workbench.server import timeline
 from stadimeter.workbench.server.operations import Desk, find_operation
@@ -343,17 +342,6 @@ def test_two_who_compare_at_once_both_come_to_the_end_also_while_the_recording_g
             share.append(diff(desk_of_walk, text, for_s=0.1)["progress"])
             assert share[-1] == 1 or share[-1] > share[-2]
     assert min(map(len, shares.values())) > 3
-
-
-def test_of_too_many_spans_those_nearest_to_each_other_are_joined() -> None:
-    lane = Lane()
-    for number in range(2 * SPANS_MAX):
-        begin_s = number * 10.0 + (5.0 if number % 2 else 0.0)
-        lane.add(begin_s, is_on=True)
-        lane.add(begin_s + 1.0, is_on=False)
-    found = lane.thinned()
-    assert len(found) == SPANS_MAX
-    assert (found[0][0], found[-1][1]) == (lane.spans[0][0], lane.spans[-1][1])
 
 
 # The timeline for the page: any stretch of time in steps, events of the log, clips, and what is known of a moment.

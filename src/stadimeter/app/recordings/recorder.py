@@ -10,6 +10,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import Protocol
 
@@ -86,9 +87,8 @@ class Recorder:
         self._writer = writer
         self._is_live = is_live
         self._deadline = deadline or Deadline()
-        self._waiting: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        self._room_for = WAITING_MAX if is_live else IMAGES_WAITING_MAX
-        self._has_room = threading.Event()
+        room_for = WAITING_MAX if is_live else IMAGES_WAITING_MAX
+        self._waiting: queue.Queue[Callable[[], None] | None] = queue.Queue(room_for)
         self._ended_s: float | None = None
         self._thread = threading.Thread(target=self._run, name=writer.kind, daemon=True)
         self._thread.start()
@@ -126,7 +126,8 @@ class Recorder:
         """Have what waits written and the file finished. Returns at once; `close` waits for it."""
         if self._ended_s is None:
             self._ended_s = time.monotonic()
-            self._waiting.put(None)
+            with suppress(queue.Full):  # then the thread does not wait for anything
+                self._waiting.put_nowait(None)
 
     def close(self) -> None:
         """Wait until what waits is written and the file is finished. May be called any number of times."""
@@ -142,21 +143,19 @@ class Recorder:
         return self._waiting.qsize()
 
     def put(self, step: Callable[[], None]) -> None:
-        """Have the thread do a step. This is the only producer, so the queue can only become shorter meanwhile."""
+        """Have the thread do a step."""
         began_s = time.monotonic()
         while not self.failure:
-            if self._waiting.qsize() < self._room_for:
-                self._waiting.put(step)
-                return
-            if self._is_live:
-                words = f"the disk does not keep up: {WAITING_MAX} cycles wait for it; the {self.kind} ends here"
-                self.failure = words
-            elif self._is_too_late(began_s):
-                self._give_up()
+            try:
+                self._waiting.put(step, block=not self._is_live, timeout=_STEP_S)
+            except queue.Full:
+                if self._is_live:
+                    words = f"the disk does not keep up: {WAITING_MAX} cycles wait for it; the {self.kind} ends here"
+                    self.failure = words
+                elif self._is_too_late(began_s):
+                    self._give_up()
             else:
-                self._has_room.clear()
-                if self._waiting.qsize() >= self._room_for:  # else it was made right before
-                    self._has_room.wait(_STEP_S)
+                return
 
     def _give_up(self) -> None:
         """Wait for the disk no longer, at the end neither. The thread stays behind; it ends if the disk comes back."""
@@ -171,9 +170,7 @@ class Recorder:
 
     def _run(self) -> None:
         try:
-            while (step := self._waiting.get()) is not None:
-                if not self._has_room.is_set():
-                    self._has_room.set()
+            while not (self._ended_s is not None and self._waiting.empty()) and (step := self._waiting.get()):
                 if not self.failure:
                     step()
             self._writer.close()

@@ -8,7 +8,6 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from statistics import median
 from typing import Any, Literal
 
@@ -255,9 +254,6 @@ def _rules(old: Tally, new: Tally) -> tuple[RuleChange, ...]:
 # A chart as wide as a screen has no more pixels.
 POINTS_MAX = 1500
 
-# The number of spans of a lane; more cannot be told apart on a screen.
-SPANS_MAX = 500
-
 # Nearly four hours at 30 a second: what is gone through is kept, and a small Pi has little memory.
 CYCLES_MAX = 400_000
 
@@ -280,17 +276,6 @@ class Lane(Struct):
         elif self._is_on:
             self.spans[-1] = self.spans[-1][0], at_s
         self._is_on = is_on
-
-    def thinned(self) -> list[tuple[float, float]]:
-        """Return the spans, those joined that are nearest to each other if there are too many."""
-        if len(self.spans) <= SPANS_MAX:
-            return self.spans
-        gaps_s = [later[0] - earlier[1] for earlier, later in pairwise(self.spans)]
-        by_width = sorted(range(len(gaps_s)), key=gaps_s.__getitem__)
-        kept = sorted(by_width[len(self.spans) - SPANS_MAX :])
-        begins = [self.spans[0][0], *(self.spans[each + 1][0] for each in kept)]
-        ends = [*(self.spans[each][1] for each in kept), self.spans[-1][1]]
-        return list(zip(begins, ends, strict=True))
 
 
 class ReplaySide(Struct):

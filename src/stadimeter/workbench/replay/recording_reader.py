@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from zlib import crc32
 
 from msgspec import Struct, field
@@ -235,23 +235,29 @@ def _check_length(place: str, length: int) -> None:
         raise JournalError(f"{place}: the recording is damaged: a message of {length} bytes")
 
 
-def _records(path: Path) -> Iterator[tuple[str, int, bytes]]:
-    """Yield the place, the opcode and the content of every record that is whole. A file may end anywhere.
+def _heads(path: Path, file: BinaryIO) -> Iterator[tuple[int, int, int]]:
+    """Yield the place, the opcode and the length of every record that is whole, and have its content be read next.
 
-    The library's own reader of streams takes the bytes before the end of a file for a whole record.
+    A file may end anywhere. The library's own reader of streams takes the bytes before the end for a whole record.
     """
+    size, at = os.fstat(file.fileno()).st_size, len(MAGIC)
+    file.seek(at)
+    while len(head := file.read(RECORD_HEAD.size)) == RECORD_HEAD.size:
+        opcode, length = RECORD_HEAD.unpack(head)
+        if length > CHUNK_MAX_BYTES:
+            raise JournalError(f"{path}, byte {at}: the recording is damaged: a record of {length} bytes")
+        end = at + RECORD_HEAD.size + length
+        if end > size:
+            return
+        yield at, opcode, length
+        at = file.seek(end)
+
+
+def _records(path: Path) -> Iterator[tuple[str, int, bytes]]:
+    """Yield the place, the opcode and the content of every record that is whole."""
     with readable(path) as file:
-        at = file.seek(len(MAGIC))
-        while len(head := file.read(RECORD_HEAD.size)) == RECORD_HEAD.size:
-            opcode, length = RECORD_HEAD.unpack(head)
-            place = f"{path}, byte {at}"
-            if length > CHUNK_MAX_BYTES:
-                raise JournalError(f"{place}: the recording is damaged: a record of {length} bytes")
-            data = file.read(length)
-            if len(data) < length:
-                return
-            yield place, opcode, data
-            at += RECORD_HEAD.size + length
+        for at, opcode, length in _heads(path, file):
+            yield f"{path}, byte {at}", opcode, file.read(length)
 
 
 def _decompress_chunk(place: str, data: bytes) -> Chunk:
@@ -426,24 +432,17 @@ def _scan_chunks(path: Path) -> tuple[list[_Chunk], list[_Chunk]]:
     chunks: list[_Chunk] = []
     first: dict[int, _Chunk] = {}
     with readable(path) as file:
-        size = os.fstat(file.fileno()).st_size
-        at = file.seek(len(MAGIC))
-        while len(head := file.read(RECORD_HEAD.size + _TIMES.size)) >= RECORD_HEAD.size:
-            opcode, length = RECORD_HEAD.unpack_from(head)
-            end = at + RECORD_HEAD.size + length
-            if opcode == DATA_END or end > size:
+        for at, opcode, length in _heads(path, file):
+            if opcode == DATA_END:
                 break
-            if opcode == CHUNK and len(head) == RECORD_HEAD.size + _TIMES.size:
-                chunks.append(_Chunk(at, length, *_TIMES.unpack_from(head, RECORD_HEAD.size)))
+            if opcode == CHUNK and len(times := file.read(_TIMES.size)) == _TIMES.size:
+                chunks.append(_Chunk(at, length, *_TIMES.unpack(times)))
             elif opcode == MESSAGE_INDEX and chunks:
-                first.setdefault(int.from_bytes(head[RECORD_HEAD.size :][:2], "little"), chunks[-1])
-            at = file.seek(end)
+                first.setdefault(int.from_bytes(file.read(2), "little"), chunks[-1])
     return chunks, list(dict.fromkeys(first.values()))
 
 
 def _content(path: Path, chunk: _Chunk) -> bytes:
-    if chunk.length > CHUNK_MAX_BYTES:
-        raise JournalError(f"{path}, byte {chunk.at_byte}: the recording is damaged: a record of {chunk.length} bytes")
     with readable(path) as file:
         file.seek(chunk.at_byte + RECORD_HEAD.size)
         return file.read(chunk.length)

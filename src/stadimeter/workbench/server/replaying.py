@@ -94,7 +94,7 @@ def _comparison_fields(found: SideBySide, recording: Mapping[str, Any]) -> dict[
 
 
 def _spans(lane: Lane | None) -> list[dict[str, float]]:
-    return [{"from_s": round(from_s, 3), "to_s": round(to_s, 3)} for from_s, to_s in (lane.thinned() if lane else ())]
+    return [{"from_s": round(from_s, 3), "to_s": round(to_s, 3)} for from_s, to_s in (lane.spans if lane else ())]
 
 
 def _output(found: SideBySide, plan: Plan, name: str) -> dict[str, Any]:

@@ -144,8 +144,8 @@ def answer_fields(lesson: Lesson, rule: str, answers: Sequence[Answer]) -> dict[
                 "from_s": each.kept.from_s,
                 "to_s": each.kept.seconds,
                 "damage": each.kept.damage,
-                "before": each.kept.side.rules[alarm.name].thinned(),
-                "after": each.after.rules[alarm.name].thinned(),
+                "before": each.kept.side.rules[alarm.name].spans,
+                "after": each.after.rules[alarm.name].spans,
             }
             for each in answers
         ],

@@ -277,7 +277,7 @@ def show_decisions(plan: Plan, seen: Iterable[Observation]) -> dict[str, Any]:
     return {
         "seconds": at_s,
         "rules": [
-            {"rule": rule, "active": [{"from_s": start, "to_s": end} for start, end in lane.thinned()]}
+            {"rule": rule, "active": [{"from_s": start, "to_s": end} for start, end in lane.spans]}
             for rule, lane in active.items()
         ],
         "outputs": [{"output": name, "steps": [list(step) for step in each]} for name, each in steps.items()],
