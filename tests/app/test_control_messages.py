@@ -33,7 +33,7 @@ def test_any_bytes_are_a_request_or_are_refused_in_words(line):
         assert request.transaction == transaction
 
 
-@each_case("op", sorted({*ARGS} - {"calibrate", "hold-output", "record", "set-threshold"}))
+@each_case("op", sorted({*ARGS} - {"hold-output", "record", "set-threshold"}))
 def test_an_operation_needs_no_more_than_its_name(op):
     assert parse_request(json.dumps({"op": op}).encode()).op == op
 

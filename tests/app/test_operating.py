@@ -3,7 +3,6 @@
 import json
 import shutil
 import threading
-import tomllib
 
 import pytest
 
@@ -14,10 +13,9 @@ from stadimeter.app.control.recording import Bounds, RecordingOnRequest, recordi
 from stadimeter.app.control.socket_server import Asked
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.watching import attend_to_requests
-from stadimeter.config.camera_file import camera_model_from_table
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decide import decide, initial_state
-from stadimeter.errors import ControlError, DriverError
+from stadimeter.errors import DriverError
 from stadimeter.testing.rig import eventually
 from stadimeter.workbench.replay.replay import read_recording, replay_run
 from support.simulated_run import SIMULATED_BALL
@@ -310,29 +308,3 @@ class TestAlarms:
         assert near["raised_unix_s"] < near["acknowledged_unix_s"] < near["cleared_unix_s"]
         kinds = [event["kind"] for event in after.data["events"] if event["source"] == "near"]
         assert sorted(kinds) == ["acknowledged", "cleared", "raised"]
-
-
-class TestCalibrating:
-    def test_a_target_at_a_measured_distance_gives_a_camera_file_and_the_run_goes_on_as_before(self, room):
-        room.at(20, "calibrate", distance="2 m", target="ball", by="zoe")
-        room.at(21, "calibrate", distance="1,5 m")
-        twice, other = room.run(frames=40)
-        seen = [record.observation.measurements[0].depth_m for record in room.records]
-        assert twice.data["focal_px"] == pytest.approx(600 * 2 / seen[19], rel=0.01)
-        assert other.data["focal_px"] == pytest.approx(600 * 1.5 / seen[20], rel=0.01)
-        assert 0.01 <= twice.data["focal_relative_sigma"] < 0.02
-        model = camera_model_from_table(tomllib.loads(twice.data["camera_file"]))
-        assert (model.fx_px, model.width_px) == (pytest.approx(twice.data["focal_px"], abs=0.01), 640)
-        assert seen == sorted(seen)
-        assert list(room.path.parent.iterdir()) == [room.path]
-
-    def test_what_is_no_distance_no_target_or_not_in_sight_is_refused_in_a_sentence(self, room):
-        with pytest.raises(ControlError, match=r"distance: .*3 has no unit"):
-            parse_request(b'{"op": "calibrate", "args": {"distance": 3}}')
-        room.at(20, "calibrate", distance="2 m", target="bal")
-        room.at(30, "world", fault="hide-target")
-        room.at(50, "calibrate", distance="2 m")
-        room.at(51, "calibrate", distance="5 cm")
-        misspelt, _, hidden, _ = room.run(frames=70)
-        assert misspelt.error == "target: write one of ball"
-        assert hidden.error.startswith("'ball' is not measured now: ")

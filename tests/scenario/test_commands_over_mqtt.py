@@ -131,7 +131,7 @@ def start(tmp_path: Path, broker: MosquittoBroker, closing: ExitStack) -> Start:
 
 def test_every_row_of_the_table_of_actions_can_be_asked_for_and_nothing_that_moves_by_itself() -> None:
     assert {each.value for each in OperatorAction} < set(OFFERS)
-    assert {"status", "alarms", "explain", "calibrate", "record", "reload", "snapshot"} < set(OFFERS)
+    assert {"status", "alarms", "explain", "record", "reload", "snapshot"} < set(OFFERS)
     assert {op for op, _ in OFFERS.values()} <= set(ARGS)
     assert not {"hold-output", "world", "restart"} & {op for op, _ in OFFERS.values()}
     assert {name for name, (_, needs_all) in OFFERS.items() if needs_all} == {
@@ -169,7 +169,6 @@ def test_every_action_is_done_and_answered_and_journaled_with_who_asked(protocol
     assert "mounting" in str(asker.ask("confirm-mounting"))
     assert asker.ask("explain", rule="near")["rules"][0]["rule"] == "near"
     assert [each["rule"] for each in asker.ask("alarms")["alarms"]]
-    assert asker.ask("calibrate", distance="1 m")["focal_px"] == pytest.approx(300, rel=0.04)
     assert set(asker.ask("reload")["kept"]) == {"near", "guarded"}
     assert "cannot be shelved" in asker.ask("shelve", rule="guarded") or "safety" in asker.ask("shelve", rule="guarded")
     ended = asker.ask("record", do="stop")

@@ -11,7 +11,7 @@ from stadimeter.app.clock import SteppedClock
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.health import Board
 from stadimeter.app.live.history import RunHistory
-from stadimeter.app.live.snapshot import LiveFeed, Surroundings
+from stadimeter.app.live.snapshot import LiveFeed
 from stadimeter.cli.live_view import LiveView
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import Decision, Event, OutputTrace, RuleStatus, RuleTrace, SafetyMode
@@ -110,8 +110,11 @@ def live_view(
 ) -> tuple[LiveView, Callable[[CycleRecord], None]]:
     """Return a live view, and what shows it a cycle."""
     history = RunHistory()
-    surroundings = Surroundings(trouble=trouble, narration=narration, messages=messages)
-    view = LiveView(title, LiveFeed(SteppedClock(), history, surroundings, board or Board()), **options)
+
+    def around() -> dict[str, object]:
+        return {"trouble": trouble(), "narration": narration(), "messages": messages()}
+
+    view = LiveView(title, LiveFeed(SteppedClock(), history, around, board or Board()), **options)
 
     def show(record: CycleRecord) -> None:
         history.add(record)

@@ -11,7 +11,7 @@ from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.app.live.health import THERMAL, Board
 from stadimeter.app.live.history import RunHistory
 from stadimeter.app.live.metrics import metric_families
-from stadimeter.app.live.snapshot import LiveFeed, Surroundings
+from stadimeter.app.live.snapshot import LiveFeed
 from stadimeter.testing.rig import ManualClock
 from support.cycle_records import cycle_record
 
@@ -27,12 +27,12 @@ class MeteredRun:
         self.asked = 0
         self.deliveries = [{"to": "messenger", "waiting": 3, "given_up": 1}]
         self.history = RunHistory(real_time_s=self.clock.now_s)
-        around = Surroundings(
-            messenger=lambda: {"trouble": "it does not answer", "topics": ()},
-            run=lambda: {"title": "hall.toml", "version": "1", "started_unix_s": 9.5},
-        )
+        around = {
+            "messenger": {"trouble": "it does not answer", "topics": ()},
+            "run": {"title": "hall.toml", "version": "1", "started_unix_s": 9.5},
+        }
         board = Board(folder, root=_raspberry_pi(folder / "root"))
-        self.feed = LiveFeed(self.clock, self.history, around, board)
+        self.feed = LiveFeed(self.clock, self.history, lambda: around, board)
         self.control = ControlSocket(folder / "run.sock", dict, metrics=self.metrics)
 
     def metrics(self) -> object:

@@ -24,40 +24,35 @@ import numpy as np
 from msgspec import Struct, field
 
 import stadimeter
-from stadimeter.app.control.messages import CalibrateArgs, FrameArgs, Reply, SubscribeArgs, WorldArgs
+from stadimeter.app.control.messages import FrameArgs, Reply, SubscribeArgs, WorldArgs
 from stadimeter.app.control.recording import LastRecording, RecordingOnRequest, recordings_folder
 from stadimeter.app.control.reloading import Reloader, Restarter, build_parts
 from stadimeter.app.control.requests import Act, Control, Requests
 from stadimeter.app.control.socket_server import Answer
-from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.health import Board
 from stadimeter.app.live.history import RunHistory, Seen, newer
 from stadimeter.app.live.pictures import Pictures, drawn
 from stadimeter.app.live.snapshot import (
     LiveFeed,
     RunSnapshot,
-    Surroundings,
     events_data,
     frame_data,
     samples_data,
     shared_data,
 )
 from stadimeter.app.service import is_service
-from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.files import sha256_of
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.alarms.state import Acknowledgement
-from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Decision, Event, EventKind
-from stadimeter.core.detection import DetectionStatus, TargetShape
 from stadimeter.core.frame import Frame
 from stadimeter.core.rule import AlarmRule
-from stadimeter.errors import CalibrationError, ControlError
+from stadimeter.errors import ControlError
 
 if TYPE_CHECKING:
-    from stadimeter.app.bootstrap import Parts, StagedWorld
+    from stadimeter.app.bootstrap import StagedWorld
     from stadimeter.app.live.history import RunHistory
     from stadimeter.app.loop import Loop
     from stadimeter.config.loader import Configuration
@@ -231,17 +226,12 @@ def _origin(frame: Frame) -> Mapping[str, object]:
     return {"subsampling": frame.subsampling, "source": frame.source, "optics": known}
 
 
-def live_feed(loop: Loop) -> LiveFeed:
-    """Return the view of a run for those who watch it."""
-    parts = loop.parts
-    return LiveFeed(parts.clock, loop.history, _surroundings(loop), Board(parts.configuration.path.parent))
-
-
 # What a run says of itself that no view shows: a page hands snapshots on to people who may only watch.
 _NOT_FOR_WATCHERS = ("pid", "recordings", "configuration_age_s")
 
 
-def _surroundings(loop: Loop) -> Surroundings:
+def live_feed(loop: Loop) -> LiveFeed:
+    """Return the view of a run for those who watch it."""
     parts = loop.parts
     told = {name: value for name, value in introduction(loop).items() if name not in _NOT_FOR_WATCHERS}
     fixed = told | {
@@ -249,26 +239,24 @@ def _surroundings(loop: Loop) -> Surroundings:
         "started_unix_s": round(time.time(), 3),
         "colours": colours_of(parts.configuration),
     }
-    detectors = parts.cycle.perceiver.detectors
+    return LiveFeed(parts.clock, loop.history, partial(_around, loop, fixed), Board(parts.configuration.path.parent))
 
-    def run() -> Mapping[str, object]:
-        world = parts.world.state() if parts.world is not None else None
-        return fixed | {"digest": sha256_of(parts.configuration.text), "world": world}
 
-    def recording() -> Mapping[str, object] | None:
-        on_request = loop.services.recording
-        return on_request.now() if on_request is not None else None
-
-    return Surroundings(
-        recording=recording,
-        plan=lambda: parts.configuration.plan,
-        trouble=loop.trouble,
-        messenger=loop.deliveries.link,
-        messages=lambda: tuple(loop.deliveries.published),
-        narration=parts.world.narration if parts.world is not None else str,
-        run=run,
-        has_corners={name: detector.target_shape.has_corners for name, detector in detectors.items()},
-    )
+def _around(loop: Loop, fixed: Mapping[str, object]) -> dict[str, Any]:
+    """Return what a run has beside its cycles, by the names of a snapshot. May be called from any thread."""
+    configuration, world, recording = loop.parts.configuration, loop.parts.world, loop.services.recording
+    detectors = loop.parts.cycle.perceiver.detectors
+    state = world.state() if world is not None else None
+    return {
+        "plan": configuration.plan,
+        "trouble": loop.trouble(),
+        "messenger": loop.deliveries.link(),
+        "messages": tuple(loop.deliveries.published),
+        "narration": world.narration() if world is not None else "",
+        "run": {**fixed, "digest": sha256_of(configuration.text), "world": state},
+        "recording": recording.now() if recording is not None else None,
+        "has_corners": {name: detector.target_shape.has_corners for name, detector in detectors.items()},
+    }
 
 
 @contextmanager
@@ -284,7 +272,6 @@ def attend_to_requests(loop: Loop, sources: Iterable[Requests]) -> Iterator[None
         "alarms": lambda _args, answer: _answer_alarms(loop.state, loop.history, answer),
         "restart": restarter.act,
         "record": recording.act,
-        "calibrate": partial(calibrate_on_request, loop.parts, loop.history),
     }
     if loop.parts.world is not None:
         acts["world"] = partial(_change_world, loop.parts.world, configuration.plan.targets)
@@ -409,68 +396,3 @@ def colours_of(configuration: Configuration) -> dict[str, str]:
         if getattr(choice.options, "hsv", None) is not None
         for target in choice.members or (choice.name,)
     }
-
-
-# A calibration while a run goes on: from one picture, of a target at a distance measured with a tape ---
-#
-# Nothing is written and nothing changes: the answer is a camera file. A person puts it where the configuration
-# names it, and has the run restarted. A run may not write its configuration, and a lens that changed by a message
-# would move every threshold without a word.
-
-
-def calibrate_on_request(parts: Parts, history: RunHistory, args: CalibrateArgs, answer: Answer) -> None:
-    """Have a lens computed from the newest picture, in the thread of the one who asks."""
-    seen = history.seen
-    record, frame = (seen.record, seen.frame) if seen is not None else (None, None)
-    shapes = {name: each.target_shape for name, each in parts.cycle.detectors.items()}
-    answer(partial(calibrate_now, args, record, frame, shapes, parts.configuration.camera_model))
-
-
-def calibrate_now(
-    args: CalibrateArgs,
-    record: CycleRecord | None,
-    frame: Frame | None,
-    shapes: Mapping[str, TargetShape],
-    lens: CameraModel | None,
-) -> Reply:
-    """Return the camera file by which the newest picture shows a target at the distance that it has.
-
-    Args:
-        record: The cycle in which the frame was new.
-        shapes: What each target is, by its name.
-        lens: The one that the run measures with.
-    """
-    if args.target not in shapes and (args.target or len(shapes) != 1):
-        return Reply(error=f"target: write one of {', '.join(shapes)}")
-    from stadimeter.ranging.calibration import KnownDistance, calibrate  # noqa: PLC0415 - few runs are asked for it
-
-    target = args.target or next(iter(shapes))
-    if lens is not None and any(lens.distortion):
-        return Reply(
-            error="the lens has distortion, which one distance does not tell; use `stadimeter calibrate board`"
-        )
-    found = {each.target: each for each in record.detections} if record is not None else {}
-    detection = found.get(target)
-    if frame is None or detection is None or detection.status is not DetectionStatus.FOUND:
-        why = detection.reason if detection is not None else "there is no picture of it"
-        return Reply(error=f"'{target}' is not measured now: {why}")
-    known = KnownDistance(
-        picture="the newest frame",
-        width_px=frame.width_px,
-        height_px=frame.height_px,
-        detection=detection,
-        size=shapes[target],
-        depth_m=args.distance,
-    )
-    try:
-        model = calibrate([known], date=time.strftime("%Y-%m-%d")).camera_model
-    except CalibrationError as error:
-        return Reply(error=str(error))
-    return Reply(
-        {
-            "target": target,
-            "focal_px": round(model.fx_px, 2),
-            "focal_relative_sigma": round(model.focal_relative_sigma, 5),
-            "camera_file": camera_file_text(model),
-        }
-    )

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, PlainValidator, StringConstra
 
 from stadimeter.app.control.client import encode_line
 from stadimeter.app.exact_json import plain
-from stadimeter.config.units import parse_any_quantity, parse_length
+from stadimeter.config.units import parse_any_quantity
 from stadimeter.core.bounds import MAX_DURATION_S, MAX_PLAIN, MAX_TIME_S
 from stadimeter.core.rules.explaining import Explanation
 from stadimeter.errors import ControlError, Problem
@@ -121,16 +121,6 @@ class HoldArgs(_Strict):
     by: _Name = ""
 
 
-class CalibrateArgs(_Strict):
-    """The distance of a target from the camera now, measured with a tape."""
-
-    target: _Name = ""
-    """Its name in the configuration; empty for the only one."""
-    distance: Annotated[float, PlainValidator(parse_length)]
-    """In metres, to its centre, along the direction in which the camera looks. As it is written: ``"1.5 m"``."""
-    by: _Name = ""
-
-
 class RecordArgs(_Strict):
     """Begin or end a recording."""
 
@@ -189,7 +179,6 @@ ARGS: Mapping[str, type[_Strict]] = {
     "explain": ExplainArgs,
     **dict.fromkeys(("hello", "status", "alarms", "metrics", "reload", "restart"), NoArgs),
     "record": RecordArgs,
-    "calibrate": CalibrateArgs,
     "world": WorldArgs,
     "subscribe": SubscribeArgs,
     "frame": FrameArgs,

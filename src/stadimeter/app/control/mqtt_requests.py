@@ -37,7 +37,7 @@ PICTURE_MAX_BYTES = 1024 * 1024
 # moves something, and a restart ends the connection that the answer would need.
 OFFERS: Mapping[str, tuple[str, bool]] = {
     **{action.value: (action.command, action.lets_outputs_act or action.writes_file) for action in OperatorAction},
-    **{op: (op, False) for op in ("status", "alarms", "explain", "calibrate")},
+    **{op: (op, False) for op in ("status", "alarms", "explain")},
     **{op: (op, True) for op in ("record", "reload")},
     SNAPSHOT.path: ("frame", True),
     **{switch: (off.command, False) for switch, (_, off) in SWITCHES.items()},

@@ -30,30 +30,6 @@ from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
 from stadimeter.core.rules.explaining import Reasons, explain
 
 
-class Surroundings(Struct, frozen=True, kw_only=True):
-    """The things a run has beside its cycles, for those who watch it. Each may be asked from any thread, at any time.
-
-    Attributes:
-        plan: Its rules, outputs and targets, as they are after the newest reload; None if there is no plan.
-        trouble: What is wrong outside the loop, such as with the broker; empty if nothing is.
-        messenger: Where messages to other programs go, and how that is; None if there is no messenger.
-        messages: What was sent to other programs and when, newest first.
-        narration: What happens in a simulated world; empty if there is nothing to say.
-        run: What the run is: its configuration and so on.
-        recording: The recording under way; None if there is none.
-        has_corners: By target, whether its outline is corners in order, or else points on a rim.
-    """
-
-    plan: Callable[[], Plan | None] = lambda: None
-    trouble: Callable[[], str] = str
-    messenger: Callable[[], Mapping[str, Any] | None] = lambda: None
-    messages: Callable[[], Sequence[tuple[float, Message]]] = tuple
-    narration: Callable[[], str] = str
-    run: Callable[[], Mapping[str, object]] = dict
-    recording: Callable[[], Mapping[str, object] | None] = lambda: None
-    has_corners: Mapping[str, bool] = field(default_factory=dict)
-
-
 class RunSnapshot(Struct, frozen=True, kw_only=True):
     """All that there is to see of a run at one moment.
 
@@ -63,9 +39,14 @@ class RunSnapshot(Struct, frozen=True, kw_only=True):
         started_s: The time of the first cycle, on the run's monotonic clock.
         samples: The recent distances of each target, oldest first.
         events: Newest first.
-        messenger: See `Surroundings`.
+        messenger: Where messages to other programs go, and how that is; None if there is no messenger.
         messages: The messages to other programs, each with its time, newest first.
         health: How the run is doing.
+        narration: What happens in a simulated world; empty if there is nothing to say.
+        plan: Its rules, outputs and targets, as they are after the newest reload; None if there is no plan.
+        has_corners: By target, whether its outline is corners in order, or else points on a rim.
+        run: What the run is: its configuration and so on.
+        recording: The recording under way; None if there is none.
     """
 
     record: CycleRecord | None = None
@@ -139,12 +120,14 @@ class LiveFeed(Struct):
 
     Attributes:
         clock: The run's clock.
+        around: Returns what a run has beside its cycles, by the names of a snapshot, and what is wrong outside the loop
+            as ``trouble``.
         unix_time_s: The computer's clock.
     """
 
     clock: Clock
     history: RunHistory = field(default_factory=RunHistory)
-    surroundings: Surroundings = field(default_factory=Surroundings)
+    around: Callable[[], Mapping[str, Any]] = dict
     board: Board = field(default_factory=Board)
     unix_time_s: Callable[[], float] = time.time
 
@@ -159,8 +142,8 @@ class LiveFeed(Struct):
 
     def snapshot(self, window_s: float = WINDOW_S) -> RunSnapshot:
         """Return all there is to see now, with the distances of this long."""
-        history, around = self.history, self.surroundings
-        record, link = history.record, around.messenger()
+        history, around = self.history, {**self.around()}
+        record, link, trouble = history.record, around.get("messenger"), around.pop("trouble", "")
         broker = link["trouble"] or CONNECTED if link is not None else ""
         return RunSnapshot(
             record=record,
@@ -168,14 +151,8 @@ class LiveFeed(Struct):
             started_s=history.started_s,
             samples=history.samples_after(record.observation.now_s - window_s if record is not None else 0.0),
             events=tuple(history.events),
-            messenger=link,
-            messages=tuple(around.messages()),
-            health=live_health(history, self.board, broker, around.trouble(), self.pace()),
-            narration=around.narration(),
-            plan=around.plan(),
-            has_corners=around.has_corners,
-            run=around.run(),
-            recording=around.recording(),
+            health=live_health(history, self.board, broker, trouble, self.pace()),
+            **around,
         )
 
     def cycle_age_s(self) -> float:
