@@ -85,7 +85,7 @@ def test_a_damaged_decision_is_an_error_that_names_its_line(tmp_path, part):
         return line.replace(f'"{part}":', f'"{part}?":') if '"now_s":0.4,' in line else line
 
     journal = journal_of(tmp_path / "run.jsonl", *SIGHTS, change=damaged)
-    with pytest.raises(JournalError, match=r"run\.jsonl:5: not a cycle of a recording: .*`\$\.decision`"):
+    with pytest.raises(JournalError, match=r"run\.jsonl:5: not a cycle of a recording: Object missing"):
         replay(journal, plan())
 
 
