@@ -243,7 +243,7 @@ def live_feed(loop: Loop) -> LiveFeed:
 
 
 def _around(loop: Loop, fixed: Mapping[str, object]) -> dict[str, Any]:
-    """Return what a run has beside its cycles, by the names of a snapshot. May be called from any thread."""
+    """Return the parts that a run has beside its cycles, by the names of a snapshot. May be called from any thread."""
     configuration, world, recording = loop.parts.configuration, loop.parts.world, loop.services.recording
     detectors = loop.parts.cycle.perceiver.detectors
     state = world.state() if world is not None else None
