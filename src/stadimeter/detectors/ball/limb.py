@@ -161,7 +161,7 @@ def find_limb(
     # Invariant: the result does not depend on where the search began. So the spokes are laid again around each fit
     # until the part of the picture that they cover holds the whole of every step.
     limb, reach_px = None, within_px + BEYOND_PX
-    for _ in range(MAX_LOOKS):
+    for looks in range(MAX_LOOKS):
         edges = limb_edges(image, circle, reach_px, within_px, lens, colours)
         found = None if edges is None else _fit_limb(edges, circle, lens)
         if edges is None or found is None:
@@ -174,7 +174,9 @@ def find_limb(
             limb.circle.radius_px - circle.radius_px
         )
         needed_px = _reach_px(edges, limb)
-        if moved_px + needed_px <= reach_px + 1.0:
+        # Nor are there more where a fit is rough and of little of a circle: it wanders among other edges, and looks a
+        # little more like a limb by chance at one of many places.
+        if moved_px + needed_px <= reach_px + 1.0 or (looks and limb.support_inside < WORTH_OF_ROUGH * limb.roughness):
             break
         circle, reach_px = limb.circle, min(max(needed_px + 1.0, MIN_REACH_PX), MAX_REACH_PX)
         within_px = min(reach_px, within(circle) + WITHIN_OF_WIDTH * limb.width_px)
