@@ -23,6 +23,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.detectors.ball.blobs import Blob, ImageCircle, find_blobs, search_step
 from stadimeter.detectors.ball.colour_proposal import propose, view
 from stadimeter.detectors.ball.evidence import (
+    FILLED_ENOUGH,
     LIKELY,
     SURE,
     BallScene,
@@ -188,7 +189,7 @@ class BallDetector:
         # Every eighth pixel instead of every fourth: a quarter of the reading. What is found is measured in all pixels
         # all the same, so only a ball of few cells would be less sure, and that goes to the full search.
         blobs = find_blobs(scene.image, own, COARSE_STEP)
-        if not blobs or blobs[0].size_px < COARSE_CELLS * COARSE_STEP:
+        if not blobs or blobs[0].size_px < COARSE_CELLS * COARSE_STEP or blobs[0].fill < FILLED_ENOUGH:
             return False
         search_blobs(scene, blobs[:1])
         if scene.is_settled(MIN_SHARE_EXPLAINED * blobs[0].circle.radius_px):
