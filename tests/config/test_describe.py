@@ -54,7 +54,7 @@ def test_what_it_looks_for_and_through_is_told_first(load: Load, sound: str) -> 
             ),
         ),
         (
-            'severity = "alarm"\nwhen = { lost = true }\non_delay = "5 s"\ndelay_tolerance = "0.5 s"',
+            'severity = "alarm"\nwhen = { lost = true }\non_delay = "5 s"',
             ("`it` gives the alert (alarm) when `ball` is out of sight for 5 s; clears when that has ended for 1 s."),
         ),
         (

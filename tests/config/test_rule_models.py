@@ -98,20 +98,6 @@ def test_every_key_of_an_alarm_reaches_the_core() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("written", "expected"),
-    [
-        ("", core.DelayTolerance(samples=1, for_s=0.15)),
-        ('delay_tolerance = "0.5 s"', core.DelayTolerance(samples=1, for_s=0.5)),
-        ('delay_tolerance = "0 s"', core.DelayTolerance(samples=0, for_s=0.0)),
-        ("delay_tolerance = { frames = 3 }", core.DelayTolerance(samples=3, for_s=0.0)),
-    ],
-)
-def test_a_delay_forgives_what_its_tolerance_says(written: str, expected: core.DelayTolerance) -> None:
-    found = alarm(f'when = {{ below = "1 m" }}\non_delay = "10 s"\noff_delay = "5 s"\n{written}')
-    assert found.delay_tolerance == expected
-
-
 def test_every_key_of_a_ramp_reaches_the_core() -> None:
     found = rule(
         'actuator = "motor"\n'

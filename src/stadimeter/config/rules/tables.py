@@ -146,7 +146,7 @@ GATED = ("ramp", "follow", *AT_TIMES)
 KINDS = ("when", *GATED)
 ONE_KIND = f"one of {', '.join(GATED)}, or when alone"
 _ONLY_FOR_ALARMS = (
-    "targets", "on_delay", "off_delay", "delay_tolerance", "level", "pattern", "at_start", "latch", "ack", "realarm",
+    "targets", "on_delay", "off_delay", "level", "pattern", "at_start", "latch", "ack", "realarm",
     "cooldown", "raises_per_min_max", "group", "escalation", "notify",
 )  # fmt: skip
 _SENDS = ("escalation", "notify")
@@ -194,24 +194,9 @@ class FramesTable(Section):
         return self
 
 
-# More to the contrary in a row than this are no noise, at any rate of a camera: at 30 Hz they last 3 s.
-MAX_TOLERATED_FRAMES = 100
-
-
-class ToleratedFramesTable(Section):
-    """A tolerance of delays counted in frames."""
-
-    frames: Annotated[int, Field(ge=0, le=MAX_TOLERATED_FRAMES)]
-    """This many frames in a row to the contrary are forgiven."""
-
-
 OnDelay = Annotated[
     Annotated[FramesTable, Tag("in frames")] | Annotated[Duration, Tag("in time")],
     Discriminator(lambda value: "in frames" if isinstance(value, dict | FramesTable) else "in time"),
-]
-Tolerance = Annotated[
-    Annotated[ToleratedFramesTable, Tag("in frames")] | Annotated[Duration, Tag("in time")],
-    Discriminator(lambda value: "in frames" if isinstance(value, dict | ToleratedFramesTable) else "in time"),
 ]
 
 
@@ -232,6 +217,7 @@ class RuleTable(Section):
         ),
         **dict.fromkeys(("deadband", "hysteresis"), 'write deadband inside when: { below = "1 m", deadband = "5 cm" }'),
         **dict.fromkeys(("delay", "debounce", "for"), 'write on_delay = "2 s", or off_delay'),
+        "delay_tolerance": "leave it out: one frame, or 150 ms, to the contrary starts no delay over",
         "lost_for": 'write when = { lost = "5 min" }',
         "then": "it is called escalation: [[rules.NAME.escalation]]",
         **dict.fromkeys(("topic", "text", "message"), "write it in a step: [[rules.NAME.escalation]]"),
@@ -266,9 +252,6 @@ class RuleTable(Section):
     """How long a condition must hold first; in seconds or in frames. None for the default."""
     off_delay: Duration = _ALARM.off_delay_s
     """How long it must no longer hold; in seconds."""
-    delay_tolerance: Tolerance | None = None
-    """What is to the contrary for no longer than this does not start a delay over; in seconds or in frames. None for
-    the default."""
     level: Share = _ALARM.level
     """The level of an actuator while the condition holds."""
     pattern: PatternTable | None = None
@@ -329,16 +312,6 @@ class RuleTable(Section):
         if wrong := [key for key, value in {**is_late, "observe": self.observe}.items() if value]:
             hint = 'leave it out, or write severity = "alarm"'
             raise ValueError(f"a safety rule acts at once and always, so it has no {' and no '.join(wrong)}; {hint}")
-        return self
-
-    @model_validator(mode="after")
-    def _delays_are_delays(self) -> Self:
-        tolerance_s = self.delay_tolerance
-        for key in ("on_delay", "off_delay"):
-            delay_s = getattr(self, key)
-            if isinstance(tolerance_s, float) and isinstance(delay_s, float) and 0 < delay_s <= tolerance_s:
-                # Two frames that far apart would fulfil the delay.
-                raise ValueError(f"delay_tolerance {tolerance_s:g} s is no shorter than {key} {delay_s:g} s")
         return self
 
     @property
@@ -428,15 +401,6 @@ class RuleTable(Section):
         return rule.OnDelay() if is_sure or self.severity is Severity.SAFETY else FRAMES_TO_RAISE
 
     @property
-    def tolerance(self) -> rule.DelayTolerance:
-        """Gaps that start no delays over; a duration forgives one frame. Not written: the default of the core."""
-        if isinstance(self.delay_tolerance, ToleratedFramesTable):
-            return rule.DelayTolerance(samples=self.delay_tolerance.frames, for_s=0.0)
-        if self.delay_tolerance is not None:
-            return rule.DelayTolerance(samples=int(self.delay_tolerance > 0), for_s=self.delay_tolerance)
-        return _ALARM.delay_tolerance
-
-    @property
     def cooldown_s(self) -> float:
         """The least time between two notifications; without a word about it none at all for safety."""
         return self._unless_safety(self.cooldown, _ALARM.cooldown_s)
@@ -457,7 +421,6 @@ class RuleTable(Section):
             condition=when,
             on_delay=self.delay(when),
             off_delay_s=self.off_delay,
-            delay_tolerance=self.tolerance,
             level=self.level,
             at_start=self.at_start,
             pattern=self.pattern.to_plan(self.level) if self.pattern else None,
