@@ -117,7 +117,7 @@ class Site:
             rule = each.rule
             if isinstance(rule, AlarmRule):
                 for leaf in (leaf for when in each.conditions() for leaf in when.leaves()):
-                    found = leaf.leaf
+                    found = leaf.condition
                     if isinstance(found, DistanceCondition) and found.target in names:
                         ends = (("below", found.below), ("above", found.above))
                         yield from (

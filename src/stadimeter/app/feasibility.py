@@ -112,7 +112,7 @@ def _condition_findings(
     condition: WrittenCondition, sizes: Mapping[str, TargetShape], camera: CameraModel
 ) -> Iterator[Finding]:
     for written in condition.leaves():
-        match written.leaf:
+        match written.condition:
             case DistanceCondition() as leaf if leaf.target in sizes:
                 yield from _distance_findings(written.path, leaf, sizes[leaf.target], camera)
             case FigureCondition(quantity="bearing" | "elevation", other="") as leaf if leaf.target in sizes:

@@ -15,15 +15,12 @@ from msgspec.structs import replace
 from stadimeter.config.rules.conditions import KEYS_OF_GROUPS, FigureTable, OfEach, kinds_in
 from stadimeter.config.rules.tables import KINDS, RuleTable
 from stadimeter.config.toml_lines import KeyPath
-from stadimeter.config.toml_source import as_toml
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, about, leaves, targets_of, with_leaves
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.of_rules import RuleCondition
 from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.sight import CountCondition
 from stadimeter.core.rule import ALWAYS, AlarmRule, AnyRule, gate_of
-
-_MAX_LENGTH = 70
 
 # The keys that stand for several rules or targets, by what their conditions are parts of.
 _SEVERAL = {AnyOf: {"rule", "any_of"}, AllOf: {"all_of"}}
@@ -64,26 +61,10 @@ class WrittenCondition(Struct, frozen=True, kw_only=True):
             yield from part.leaves()
 
     @property
-    def leaf(self) -> Leaf:
-        """The condition, which is a simple one.
-
-        Raises:
-            TypeError: It is not.
-        """
-        if isinstance(self.condition, AllOf | AnyOf | Not):
-            raise TypeError(f"{self} is made of others")
-        return self.condition
-
-    @property
     def limits_path(self) -> KeyPath:
         """The place of its limits: its own table, or the one inside it that names the quantity."""
         inner = next((key for key, value in self.table.items() if isinstance(value, Mapping) and key != "not"), None)
         return self.path if inner is None else (*self.path, inner)
-
-    def __str__(self) -> str:
-        """Return the table as it was written, short enough for a message."""
-        text = as_toml(self.table)
-        return text if len(text) <= _MAX_LENGTH else f"{text[:_MAX_LENGTH]}…"
 
     def _parts(self, key: str, conditions: tuple[Condition, ...]) -> tuple[WrittenCondition, ...]:
         tables = self.table.get(key)
