@@ -57,7 +57,7 @@ class Desk:
         self.unix_s = 1e9
         self.reloader = NoReload()
         self.is_kept = True
-        self.control = Control([self], self.reloader, lambda: self.unix_s, is_kept=lambda: self.is_kept)
+        self.control = Control([self.take], self.reloader, lambda: self.unix_s, is_kept=lambda: self.is_kept)
         self.run = Rehearsal(PLAN)
 
     def take(self):

@@ -69,7 +69,7 @@ class Room:
             assert eventually(lambda: not self.loop.services.recording._is_beginning)
 
     def run(self, frames=150):
-        with attend_to_requests(self.loop, [self]):
+        with attend_to_requests(self.loop, [self.take]):
             self.loop.listeners.append(self.listen)
             self.loop.run(Limits(frames=frames))
         assert eventually(lambda: len(self.answers) == len(self.plans))
@@ -171,7 +171,7 @@ class TestRecording:
                 goes_on.set()
                 assert eventually(lambda: not room.loop.services.recording._is_beginning)
 
-        with attend_to_requests(room.loop, [room]):
+        with attend_to_requests(room.loop, [room.take]):
             room.loop.listeners.append(listen)
             room.loop.run(Limits(frames=150))
         early, begun = room.answers
@@ -192,7 +192,7 @@ class TestRecording:
                 goes_on.set()
                 assert eventually(lambda: not room.loop.services.recording._is_beginning)
 
-        with attend_to_requests(room.loop, [room]):
+        with attend_to_requests(room.loop, [room.take]):
             room.loop.listeners.append(reload_meanwhile)
             room.loop.run(Limits(frames=150))
         assert [answer.error for answer in room.answers] == ["", ""]

@@ -47,7 +47,7 @@ class Rig:
         self.loop.parts.messenger = self.messenger = RecordingMessenger()
         self.reloader = Reloader(self.loop.parts.configuration)
         self.waiting, self.answers, self.decisions = [], [], []
-        self.loop.services.control = Control([self], self.reloader)
+        self.loop.services.control = Control([self.take], self.reloader)
         self.loop.listeners.append(self.listen)
         self.change = lambda: None
 

@@ -27,7 +27,7 @@ import stadimeter
 from stadimeter.app.control.messages import FrameArgs, Reply, SubscribeArgs, WorldArgs
 from stadimeter.app.control.recording import LastRecording, RecordingOnRequest, recordings_folder
 from stadimeter.app.control.reloading import Reloader, Restarter, build_parts
-from stadimeter.app.control.requests import Act, Control, Requests
+from stadimeter.app.control.requests import Act, Control, Take
 from stadimeter.app.control.socket_server import Answer
 from stadimeter.app.live.health import Board
 from stadimeter.app.live.history import RunHistory, Seen, newer
@@ -260,7 +260,7 @@ def _around(loop: Loop, fixed: Mapping[str, object]) -> dict[str, Any]:
 
 
 @contextmanager
-def attend_to_requests(loop: Loop, sources: Iterable[Requests]) -> Iterator[None]:
+def attend_to_requests(loop: Loop, sources: Iterable[Take]) -> Iterator[None]:
     """Connect the requests of operators to a run that has not begun, while in the context."""
     services, configuration = loop.services, loop.parts.configuration
     restarter = Restarter(partial(build_parts, configuration.path))

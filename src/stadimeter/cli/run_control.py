@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stadimeter.app.control.requests import Requests
+from stadimeter.app.control.requests import Take
 from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.app.persistence.resumption import clock_name, moment
 from stadimeter.app.persistence.state_writer import StateWriter, state_file
@@ -50,7 +50,7 @@ def open_control_socket(loop: Loop, socket: Path | None, closing: ExitStack) -> 
     configuration = loop.parts.configuration
     feed = live_feed(loop)
     watched = Subscriptions(feed)
-    sources: list[Requests] = []
+    sources: list[Take] = []
     try:
         path = socket or socket_path(configuration.path, make_folder(runtime_folder()))
         metrics = partial(_metrics, feed, loop.deliveries.figures)
@@ -62,10 +62,10 @@ def open_control_socket(loop: Loop, socket: Path | None, closing: ExitStack) -> 
             raise
         loop.services.tell(f"warning: {error}; this run takes no operator commands of this computer")
     else:
-        sources.append(listener)
+        sources.append(listener.take)
     remote = _listen_to_messages(loop, watched)
     if remote is not None:
-        sources.append(remote)
+        sources.append(remote.take)
     if sources:
         closing.enter_context(attend_to_requests(loop, sources))
     if remote is not None and (control := loop.services.control) is not None:

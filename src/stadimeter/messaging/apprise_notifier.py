@@ -226,12 +226,10 @@ class Delivery:
             time, and is always called in the delivery's own thread.
 
     Attributes:
-        delivered: How many notifications the service has taken.
         given_up: How many it will not be asked again, since it did not take them in time or too many waited.
     """
 
     def __init__(self, deliver: Callable[[Notification], str], retry_s: float, patience: Patience) -> None:
-        self.delivered = 0
         self.given_up = 0
         self._deliver = deliver
         self._retry_s = retry_s
@@ -304,7 +302,6 @@ class Delivery:
         """Take in what became of an attempt, and pause after one that failed."""
         self._trying = None
         if not reason:
-            self.delivered += 1
             self._reason = ""
             self._pauses.reset()
         elif time.monotonic() >= tried.until_s:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Protocol
+from typing import Any
 
 from stadimeter.app.control.client import describe_reload
 from stadimeter.app.control.messages import ExplainArgs, HoldArgs, OutputsArgs, Reply, as_data, operator_command
@@ -26,14 +26,6 @@ from stadimeter.operator_actions import AnyCommand, OperatorAction, OperatorComm
 REMEMBERED_S = 60.0
 
 
-class Requests(Protocol):
-    """A source of requests."""
-
-    def take(self) -> list[Asked]:
-        """Return the requests that have come since the last call. Never waits."""
-        ...
-
-
 # A stop is answered this late at most, however slow the disk is; the outputs are stopped before that.
 KEPT_WITHIN_S = 1.0
 
@@ -41,6 +33,9 @@ NOT_KEPT = "this run keeps no state, so the next one begins without the stop"
 NOT_YET_KEPT = "the disk has not taken it yet, so if this run is killed, the next one may begin without the stop"
 
 NO_BLACK_BOX = "this run has no black box: add [black_box] to its configuration, and restart it"
+
+# Returns the requests that have come to a place since the last call. Never waits.
+Take = Callable[[], list[Asked]]
 
 # Does what a request with these arguments asks for, and answers. Called between two cycles; it never waits.
 Act = Callable[[Any, Answer], None]
@@ -60,7 +55,7 @@ class Control:
 
     def __init__(
         self,
-        sources: Iterable[Requests],
+        sources: Iterable[Take],
         reloader: Reloader,
         unix_s: Callable[[], float] = time.time,
         deliveries: Callable[[], list[dict[str, Any]]] = list,
@@ -71,7 +66,7 @@ class Control:
         self.acts = {**(acts or {})}
         self._is_kept = is_kept
         self._stops: list[tuple[float, Asked, dict[str, Any]]] = []
-        self._takes = tuple(source.take for source in sources)
+        self._takes = tuple(sources)
         self._reloader = reloader
         self._unix_s = unix_s
         self._deliveries = deliveries

@@ -82,8 +82,7 @@ class RunHistory(Struct):
         data_ages_s: The age of their data when their commands had been applied.
         cycle_times_sum_s: Of all cycles with a frame; so is `data_ages_sum_s`.
         first_command_s: How old the program was when the commands of its first frame had been applied; None before.
-        frame_at_s: When the loop was done with the newest frame, on the clock of `time.monotonic`.
-        cycle_at_s: When it was done with the newest cycle, on that clock; None before the first.
+        cycle_at_s: When the newest cycle was done, on the clock of `time.monotonic`; None before the first.
     """
 
     real_time_s: Callable[[], float] = time.monotonic
@@ -101,7 +100,6 @@ class RunHistory(Struct):
     cycle_times_sum_s: float = 0.0
     data_ages_sum_s: float = 0.0
     first_command_s: float | None = None
-    frame_at_s: float = 0.0
     cycle_at_s: float | None = None
     _samples: dict[str, deque[DistanceSample]] = field(default_factory=lambda: defaultdict(deque))
     _passed: deque[_Passed] = field(default_factory=deque)
@@ -164,7 +162,6 @@ class RunHistory(Struct):
             self.dropped_frames += max(0, stamp.sequence - before.sequence - 1)
         self.frames += 1
         self.seen = Seen(record, frame)
-        self.frame_at_s = real_s
         self._passed.append(_Passed(stamp.captured_at_s, record.observation.now_s, real_s))
         self.cycle_times_s.append(record.busy_s)
         self.data_ages_s.append(record.observation.now_s - stamp.captured_at_s + record.busy_s)
