@@ -39,6 +39,9 @@ class Discovered(RecordingMessenger):
         self.announcements: list[Announcement] = []
         self.is_due = self.is_forgotten = False
 
+    def retain_only(self, topics: frozenset[str]) -> None:
+        """Keep nothing."""
+
     def announce(self, announcement: Announcement) -> None:
         """Keep it."""
         self.announcements.append(announcement)

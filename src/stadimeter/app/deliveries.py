@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from stadimeter.core.decision import Severity
 from stadimeter.core.message import KEPT_S, Message, Notification, as_history, is_state
 from stadimeter.errors import StadimeterError
-from stadimeter.messaging.protocol import Discoverable, Retaining, Subscribes, TakesRequests
+from stadimeter.messaging.protocol import Discoverable, Subscribes, TakesRequests
 
 if TYPE_CHECKING:
     from stadimeter.app.bootstrap import Parts
@@ -107,13 +107,14 @@ class Deliveries:
     def retain_only(self, topics: frozenset[str]) -> None:
         """Have a broker keep only what is published on these topics, and Home Assistant show what this run has."""
         messenger: object = self._parts.messenger
-        if isinstance(messenger, Discoverable) and messenger.discovery_place is not None:
+        if not isinstance(messenger, Discoverable):
+            return
+        if messenger.discovery_place is not None:
             from stadimeter.app.discovery import announcement  # noqa: PLC0415 - only who is discovered needs it
 
             plan = self._parts.configuration.plan
             messenger.announce(announcement(plan, messenger.discovery_place, messenger.orders))
-        if isinstance(messenger, Retaining):
-            messenger.retain_only(topics)
+        messenger.retain_only(topics)
 
     def undelivered(self) -> tuple[Undelivered, ...]:
         """Return the messages that are neither delivered nor given up, oldest first."""

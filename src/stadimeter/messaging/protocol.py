@@ -47,17 +47,6 @@ class Messenger(Protocol):
         """Say goodbye, wait a moment at most for what is queued, and disconnect. May be called again."""
 
 
-@runtime_checkable
-class Retaining(Protocol):
-    """A messenger whose messages are kept elsewhere, beyond the end of a run."""
-
-    def retain_only(self, topics: frozenset[str]) -> None:
-        """Take on which topics messages to keep are published from now on. May be called before `open`.
-
-        What an earlier run left on any other topic is cleared, as soon as there is a connection.
-        """
-
-
 # Why a message is no request: a broker had kept it; it was sent before this connection, or waited for too long; it has
 # more bytes than a request may have.
 NoRequest = Literal["retained", "stale", "too_large"]
@@ -118,7 +107,7 @@ class TakesRequests(Protocol):
 
 @runtime_checkable
 class Discoverable(Protocol):
-    """A messenger over which Home Assistant discovers a run."""
+    """A messenger whose messages a broker keeps beyond the end of a run, and over which Home Assistant discovers it."""
 
     @property
     def discovery_place(self) -> DiscoveryPlace | None:
@@ -127,6 +116,12 @@ class Discoverable(Protocol):
     @property
     def orders(self) -> frozenset[str]:
         """The topics, below the base topic, to which others may send. What needs another is not offered."""
+
+    def retain_only(self, topics: frozenset[str]) -> None:
+        """Take on which topics messages to keep are published from now on. May be called before `open`.
+
+        What an earlier run left on any other topic is cleared, as soon as there is a connection.
+        """
 
     def announce(self, announcement: Announcement) -> None:
         """Have this discovered from now on, also after Home Assistant began anew. May be called before `open`."""
