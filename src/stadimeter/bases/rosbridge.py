@@ -20,17 +20,8 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
+from stadimeter.bases import ros2_base
 from stadimeter.bases.differential_drive import Motion
-from stadimeter.bases.ros2_base import (
-    BATTERY_TYPE,
-    POSE_TYPE,
-    Ros2BaseOptions,
-    TargetPose,
-    battery_from_json,
-    pose_json,
-    type_name,
-    velocity_json,
-)
 from stadimeter.config.extras import missing
 from stadimeter.errors import DeviceOpenError, DriverUnavailableError, LinkLostError, ProtocolError
 
@@ -50,7 +41,7 @@ _CONFIRMED_WITHIN_MS = 500
 _RACE = AssertionError
 
 
-class RosbridgeOptions(Ros2BaseOptions):
+class RosbridgeOptions(ros2_base.Ros2BaseOptions):
     """The table of such a base in the configuration."""
 
     title: ClassVar = "a robot that runs ROS 2, through rosbridge"
@@ -84,22 +75,22 @@ class RosbridgeLink:
         self._limit_what_waits()
         try:
             self._check_other_side()
-            self._say({"op": "advertise", "topic": self._topic, "type": type_name(self._message)})
+            self._say({"op": "advertise", "topic": self._topic, "type": ros2_base.type_name(self._message)})
             if self._options.pose_topic:
-                self._say({"op": "advertise", "topic": self._pose_topic, "type": POSE_TYPE})
+                self._say({"op": "advertise", "topic": self._pose_topic, "type": ros2_base.POSE_TYPE})
             if self._options.battery_topic:
-                self._say({"op": "subscribe", "topic": self._battery_topic, "type": BATTERY_TYPE})
+                self._say({"op": "subscribe", "topic": self._battery_topic, "type": ros2_base.BATTERY_TYPE})
         except LinkLostError as error:
             raise DeviceOpenError(f"the connection was lost while it was opened: {error}") from error
 
     def send(self, motion: Motion) -> None:
         """Send a message."""
-        fields = velocity_json(motion, self._message, self._options.frame_id)
+        fields = ros2_base.velocity_json(motion, self._message, self._options.frame_id)
         self._say({"op": "publish", "topic": self._topic, "msg": fields})
 
-    def show(self, pose: TargetPose) -> None:
+    def show(self, pose: ros2_base.TargetPose) -> None:
         """Send the pose of a target."""
-        fields = pose_json(pose, self._options.pose_frame_id)
+        fields = ros2_base.pose_json(pose, self._options.pose_frame_id)
         self._say({"op": "publish", "topic": self._pose_topic, "msg": fields})
 
     def battery_v(self) -> float | None:
@@ -111,7 +102,7 @@ class RosbridgeLink:
         """Read what rosbridge has sent: what it refuses, and what was subscribed to."""
         while said := self._read(0):
             if said.get("topic") == self._battery_topic and isinstance(fields := said.get("msg"), dict):
-                self._battery_v = battery_from_json(fields)
+                self._battery_v = ros2_base.battery_from_json(fields)
             if said.get("op") == "status" and said.get("level") == "error":
                 raise ProtocolError(f"rosbridge at {self._url} refuses {self._topic}: {said.get('msg')}")
 

@@ -14,17 +14,8 @@ from typing import Annotated
 from msgspec import Struct
 from pydantic import BeforeValidator, Field
 
+from stadimeter.config import files
 from stadimeter.config.camera_file import optics_in
-from stadimeter.config.files import (
-    HEAD_BYTES,
-    KINDS,
-    PICTURE_MAX_BYTES,
-    decode_picture,
-    is_picture,
-    is_video,
-    open_untrusted,
-    read_untrusted,
-)
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Duration, FilePath, Frequency
 from stadimeter.core.camera_model import check_one_aspect
@@ -68,7 +59,7 @@ def load_picture(path: Path | str) -> Picture:
     path = Path(path)
     file = _bytes_of(path)
     try:
-        image = decode_picture(file)
+        image = files.decode_picture(file)
     except PictureError as error:
         raise PictureError(f"the picture {path} {error}") from error
     return Picture(image=image, subsampling=subsampling_of(file), optics=optics_in(file))
@@ -81,8 +72,8 @@ def check_file(path: Path, kind: str) -> bytes:
         PictureError: It is missing, a folder, a device or empty, or may not be looked at.
     """
     try:
-        with open_untrusted(path) as file:
-            head = file.read(HEAD_BYTES)
+        with files.open_untrusted(path) as file:
+            head = file.read(files.HEAD_BYTES)
     except UnreadableError as error:
         raise PictureError(f"the {kind} {path} cannot be read: {error.reason}") from error
     if not head:
@@ -93,15 +84,15 @@ def check_file(path: Path, kind: str) -> bytes:
 def _bytes_of(path: Path) -> bytes:
     # The beginning is looked at before the file is loaded: a video may be named by mistake.
     head = check_file(path, "picture")
-    if is_video(head):
+    if files.is_video(head):
         raise PictureError(
             f"this is a video: {path}; `stadimeter measure` takes videos, and `stadimeter snapshot --live"
             f" video,path={path} --count 10 -o FILE.png` takes pictures out of one"
         )
-    if not is_picture(head):
-        raise PictureError(f"{path} is not a picture of a kind that is read: {KINDS}")
+    if not files.is_picture(head):
+        raise PictureError(f"{path} is not a picture of a kind that is read: {files.KINDS}")
     try:
-        return read_untrusted(path, PICTURE_MAX_BYTES)
+        return files.read_untrusted(path, files.PICTURE_MAX_BYTES)
     except UnreadableError as error:
         raise PictureError(f"the picture {path} cannot be read: {error.reason}") from error
 

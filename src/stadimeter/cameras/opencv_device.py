@@ -15,17 +15,10 @@ os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 import cv2
 import numpy as np
 
+from stadimeter.cameras import opencv_settings
 from stadimeter.cameras.capture_time import BLIND_SETTLE_S, ArrivalPace, DriverStamp, KernelTime, StreamTime
 from stadimeter.cameras.live_camera import CapturedPicture, LiveCamera
 from stadimeter.cameras.mjpeg_stream import JpegStream
-from stadimeter.cameras.opencv_settings import (
-    CaptureLike,
-    OpenCvSettings,
-    apply_settings,
-    fixed_exposure_s,
-    size_differs,
-    subsampling_of,
-)
 from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.cameras.v4l2 import NOT_OURS, ask_node, attached_devices, in_use, is_in_use
 from stadimeter.config.plugins import DriverContext
@@ -48,7 +41,7 @@ FFMPEG_SETTLE_S = 2.0
 DEVICE_WAIT_S = 1.0
 
 
-class OpenCvOptions(OpenCvSettings):
+class OpenCvOptions(opencv_settings.OpenCvSettings):
     """The options of the ``opencv`` camera."""
 
     def build(self, context: DriverContext) -> OpenCvCamera:
@@ -69,7 +62,7 @@ class OpenCvOptions(OpenCvSettings):
 
 
 # Opens a device or stream: ``cv2.VideoCapture``. Takes the source, the API and its parameters.
-OpenCapture = Callable[[str, int, Sequence[int]], CaptureLike]
+OpenCapture = Callable[[str, int, Sequence[int]], opencv_settings.CaptureLike]
 
 
 class OpenCvCamera(LiveCamera):
@@ -100,8 +93,8 @@ class OpenCvCamera(LiveCamera):
         self._clock = clock
         self._open_capture = open_capture
         self._source = ""
-        self._subsampling = subsampling_of(options)
-        self._capture: CaptureLike | None = None
+        self._subsampling = opencv_settings.subsampling_of(options)
+        self._capture: opencv_settings.CaptureLike | None = None
         self._jpegs: JpegStream | None = None
         self._kernel_time = KernelTime(monotonic)
         self._stamp = DriverStamp(options.frame_latency_s())
@@ -125,8 +118,8 @@ class OpenCvCamera(LiveCamera):
         self._stamp.restart()
         self._pace = ArrivalPace()
         self._position = 0.0
-        differ = () if self._options.is_stream else apply_settings(capture, self._options)
-        self._exposure_s = fixed_exposure_s(capture, self._options)
+        differ = () if self._options.is_stream else opencv_settings.apply_settings(capture, self._options)
+        self._exposure_s = opencv_settings.fixed_exposure_s(capture, self._options)
         is_jpeg = not self._options.is_stream and capture.get(cv2.CAP_PROP_FOURCC) == MJPG
         is_jpeg = is_jpeg and capture.set(cv2.CAP_PROP_CONVERT_RGB, 0.0)
         self._jpegs = JpegStream() if is_jpeg else None
@@ -137,9 +130,9 @@ class OpenCvCamera(LiveCamera):
             raise DeviceOpenError(f"the camera {self._name} opens but gives no picture{asked}") from error
         if is_jpeg and self._jpegs is None:
             differ += ("libjpeg finds damage in each of its pictures, so further damage goes unnoticed",)
-        return differ + size_differs(image, self._options)
+        return differ + opencv_settings.size_differs(image, self._options)
 
-    def _first_picture(self, capture: CaptureLike) -> CapturedPicture:
+    def _first_picture(self, capture: opencv_settings.CaptureLike) -> CapturedPicture:
         """Wait for the first picture; of a camera whose every JPEG seems damaged, take it as OpenCV decodes it."""
         try:
             return self._next_picture(capture, FIRST_FRAME_S)
@@ -159,7 +152,7 @@ class OpenCvCamera(LiveCamera):
         """Say whether it is a stream of unknown age, or one that loses packets."""
         return next(iter(self._options.refuse_motion().values()), "")
 
-    def _opened_device(self) -> CaptureLike:
+    def _opened_device(self) -> opencv_settings.CaptureLike:
         if trouble := _why_not_ours(self._source, self._name):
             raise DeviceOpenError(trouble)
         capture = self._open_capture(self._source, cv2.CAP_V4L2, ())
@@ -167,7 +160,7 @@ class OpenCvCamera(LiveCamera):
             raise DeviceOpenError(f"the camera {self._name} cannot be opened: {_why_not(Path(self._source))}")
         return capture
 
-    def _opened_stream(self) -> CaptureLike:
+    def _opened_stream(self) -> opencv_settings.CaptureLike:
         if self._options.scheme in {"http", "https"}:
             from stadimeter.cameras.mjpeg_stream import open_mjpeg  # noqa: PLC0415 - most runs never need it
 
@@ -191,7 +184,7 @@ class OpenCvCamera(LiveCamera):
             )
         return capture
 
-    def _next_picture(self, capture: CaptureLike, limit_s: float) -> CapturedPicture:
+    def _next_picture(self, capture: opencv_settings.CaptureLike, limit_s: float) -> CapturedPicture:
         """Wait for a picture that is whole and did not wait."""
         began_s = self._clock.now_s()
         passed_over = {"damaged": 0, "late": 0}
@@ -220,7 +213,7 @@ class OpenCvCamera(LiveCamera):
         why = f": {self._stream_time.why_late}" if passed_over["late"] and self._stream_time.why_late else ""
         return f" ({came}{why})" if came else ""
 
-    def _captured_at_s(self, capture: CaptureLike) -> float | None:
+    def _captured_at_s(self, capture: opencv_settings.CaptureLike) -> float | None:
         """Return when the grabbed frame was captured, or None if it waited on the way."""
         arrived_at_s = self._clock.now_s()
         pictures = self._pictures(capture)
@@ -236,7 +229,7 @@ class OpenCvCamera(LiveCamera):
         waited = self._pace.waited(arrived_at_s, pictures)
         return captured_at_s if self._stamp.is_trusted or not waited else None
 
-    def _pictures(self, capture: CaptureLike) -> int:
+    def _pictures(self, capture: opencv_settings.CaptureLike) -> int:
         """Return the number of frames that have come since the last one that was grabbed."""
         before, self._position = self._position, capture.get(cv2.CAP_PROP_POS_FRAMES)
         return max(1, round(self._position - before))
@@ -260,7 +253,7 @@ def _why_not(node: Path) -> str:
     return "it does not answer as a camera does; unplug it and plug it in again"
 
 
-def _decoded(capture: CaptureLike, jpegs: JpegStream | None) -> Image | None:
+def _decoded(capture: opencv_settings.CaptureLike, jpegs: JpegStream | None) -> Image | None:
     """Return the grabbed frame as a colour picture, or None if it is damaged: USB cameras send such ones at times.
 
     A JPEG comes as one row of its bytes. OpenCV's own decoder would fill in what is missing.

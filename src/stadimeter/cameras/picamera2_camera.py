@@ -21,34 +21,16 @@ import numpy as np
 from msgspec import Struct
 from pydantic import Field, model_validator
 
+from stadimeter import errors
 from stadimeter.cameras.capture_time import KernelTime
 from stadimeter.cameras.live_camera import CLOSE_WAIT_S, CapturedPicture, LiveCamera
 from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.cameras.v4l2 import in_use
-from stadimeter.config.extras import (
-    NUMPY_1,
-    OLDEST_PICAMERA2,
-    PACKAGE_AGAIN,
-    PACKAGED,
-    PICAMERA2,
-    PICAMERA2_TOO_OLD,
-    PICAMERA2_UNSEEN,
-    SEE_SYSTEM,
-)
+from stadimeter.config import extras
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Duration, FilePath, Frequency, Length
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image, Optics, SensorBoxes
-from stadimeter.errors import (
-    CaptureTimeoutError,
-    DeviceClosedError,
-    DeviceHungError,
-    DeviceOpenError,
-    DriverError,
-    DriverUnavailableError,
-    LinkLostError,
-    StadimeterError,
-)
 
 # The controls that the options of a Raspberry Pi's own camera become, and what the camera did not take ----------------
 
@@ -175,7 +157,7 @@ def number_of(camera: int | str, attached: list[dict[str, Any]]) -> int:
         DeviceOpenError: There is none, or there are several of that model.
     """
     if not attached:
-        raise DeviceOpenError(
+        raise errors.DeviceOpenError(
             "libcamera finds no camera; is the ribbon cable in, the right way round, at both ends? Plug it in while the"
             " Pi has no power. `rpicam-hello --list-cameras` lists what is found"
         )
@@ -184,7 +166,7 @@ def number_of(camera: int | str, attached: list[dict[str, Any]]) -> int:
         return numbers[0]
     there = ", ".join(f"{n} ({each.get('Model', 'unknown')}, {each.get('Id', '')})" for n, each in enumerate(attached))
     what = "there are several cameras" if numbers else "there is no camera"
-    raise DeviceOpenError(f"{what} {camera!r} for camera in [camera]; there are: {there}")
+    raise errors.DeviceOpenError(f"{what} {camera!r} for camera in [camera]; there are: {there}")
 
 
 def controls_of(options: Picamera2Settings, available: Controls, enums: Any) -> dict[str, Any]:
@@ -342,14 +324,14 @@ class SensorNetwork:
 
     def __init__(self, options: Picamera2Settings) -> None:
         if options.upside_down:
-            raise DeviceOpenError("a network on the sensor sees its picture unturned: leave out upside_down or network")
+            raise errors.DeviceOpenError("the network sees its picture unturned: leave out upside_down or network")
         try:
             from picamera2.devices import IMX500  # noqa: PLC0415 - only an AI camera needs it
 
             self._device = IMX500(str(options.network))
         except Exception as error:
             hint = "it is one of an AI camera's, *_pp.rpk from the package imx500-models"
-            raise DeviceOpenError(f"the network {options.network} cannot be used: {error}; {hint}") from error
+            raise errors.DeviceOpenError(f"the network {options.network} cannot be used: {error}; {hint}") from error
         self._size_px = np.array((options.width_px, options.height_px))
 
     def find(self, metadata: Metadata) -> SensorBoxes | None:
@@ -363,7 +345,8 @@ class SensorNetwork:
             return None
         shapes = [each.shape for each in outputs]
         if len(outputs) < 3 or shapes[0] != (len(outputs[1]), 4) or len(shapes[1]) != 1 or shapes[2] != shapes[1]:
-            raise LinkLostError(f"the network on the sensor gives {shapes}, no boxes, scores and classes; name another")
+            words = f"the network on the sensor gives {shapes}, no boxes, scores and classes; name another"
+            raise errors.LinkLostError(words)
         corners, says = np.asarray(outputs[0], np.float64).reshape(-1, 2, 2), self._device.network_intrinsics
         if says is not None and says.bbox_normalization:
             corners = corners / self._device.get_input_size()[1]
@@ -379,7 +362,7 @@ class SensorNetwork:
 
 # ----------------------------------------------------------------------------------------------------
 
-SYSTEM_PACKAGES = Path(PICAMERA2_UNSEEN).parent
+SYSTEM_PACKAGES = Path(extras.PICAMERA2_UNSEEN).parent
 DEVICES = ("/dev/media*", "/dev/video*")
 
 
@@ -401,13 +384,13 @@ def load_package() -> Package:
         import libcamera  # noqa: PLC0415 - only a Raspberry Pi has it
         import picamera2  # noqa: PLC0415
     except ImportError as error:
-        raise DriverUnavailableError(lack() or f"picamera2 cannot be loaded: {error}") from error
+        raise errors.DriverUnavailableError(lack() or f"picamera2 cannot be loaded: {error}") from error
     except Exception as error:  # a package that was built for another numpy fails with a ValueError
-        mend = f"where the system's packages are for numpy 1, run `pip install {NUMPY_1}`"
-        remedy = PACKAGE_AGAIN if sys.prefix.startswith(PACKAGED) else mend
-        raise DriverUnavailableError(f"picamera2 does not fit this environment: {error}; {remedy}") from error
+        mend = f"where the system's packages are for numpy 1, run `pip install {extras.NUMPY_1}`"
+        remedy = extras.PACKAGE_AGAIN if sys.prefix.startswith(extras.PACKAGED) else mend
+        raise errors.DriverUnavailableError(f"picamera2 does not fit this environment: {error}; {remedy}") from error
     if not hasattr(picamera2.Picamera2, "cancel_all_and_flush"):
-        raise DriverUnavailableError(PICAMERA2_TOO_OLD)
+        raise errors.DriverUnavailableError(extras.PICAMERA2_TOO_OLD)
     return Package(
         Picamera2=picamera2.Picamera2,
         MappedArray=picamera2.MappedArray,
@@ -420,12 +403,13 @@ def lack() -> str:
     """Return why picamera2 cannot be loaded here, in a sentence, or an empty string; loads nothing."""
     if find_spec("picamera2") is not None:
         if find_spec("libcamera") is not None:
-            return PICAMERA2_TOO_OLD if _is_too_old() else ""
-        return f"picamera2 is there without libcamera, which pip does not have: {PICAMERA2}, and {SEE_SYSTEM}"
+            return extras.PICAMERA2_TOO_OLD if _is_too_old() else ""
+        without = "picamera2 is there without libcamera, which pip does not have"
+        return f"{without}: {extras.PICAMERA2}, and {extras.SEE_SYSTEM}"
     if (SYSTEM_PACKAGES / "picamera2").is_dir():
-        return f"picamera2 is installed, but not seen from this Python environment: {SEE_SYSTEM}"
-    anew = "" if str(SYSTEM_PACKAGES) in sys.path else f", and {SEE_SYSTEM}"
-    return f"the library picamera2 is not installed: {PICAMERA2}{anew}"
+        return f"picamera2 is installed, but not seen from this Python environment: {extras.SEE_SYSTEM}"
+    anew = "" if str(SYSTEM_PACKAGES) in sys.path else f", and {extras.SEE_SYSTEM}"
+    return f"the library picamera2 is not installed: {extras.PICAMERA2}{anew}"
 
 
 def _is_too_old() -> bool:
@@ -433,13 +417,13 @@ def _is_too_old() -> bool:
         numbers = re.findall(r"\d+", version("picamera2"))
     except PackageNotFoundError:  # loading it will show
         return False
-    return [int(each) for each in numbers[:3]] < [int(each) for each in OLDEST_PICAMERA2.split(".")]
+    return [int(each) for each in numbers[:3]] < [int(each) for each in extras.OLDEST_PICAMERA2.split(".")]
 
 
 def why(error: BaseException) -> str:
     """Explain what happened, in one line. Picamera2 hides the cause behind one sentence for everything."""
     root: BaseException = error
-    while (before := root.__cause__ or root.__context__) and not isinstance(before, StadimeterError):
+    while (before := root.__cause__ or root.__context__) and not isinstance(before, errors.StadimeterError):
         root = before
     words = " ".join(str(root).split()) or type(root).__name__
     if "busy" in words.lower() or "acquire" in words.lower():
@@ -480,7 +464,7 @@ class Picamera2Options(Picamera2Settings):
         """Return the cameras on ribbon cables; none without the packages. USB cameras are left to ``opencv``."""
         try:
             every = load_package().Picamera2.global_camera_info()
-        except DriverUnavailableError:
+        except errors.DriverUnavailableError:
             return ()
         found = [
             (str(each.get("Id", number)), str(each.get("Model", "unknown")), f"camera {number}")
@@ -550,7 +534,7 @@ class Picamera2Camera(LiveCamera):
 
     def _acquire(self) -> tuple[str, ...]:
         if self._closer is not None and self._closer.is_alive():
-            raise DeviceHungError(
+            raise errors.DeviceHungError(
                 f"the camera {self._name} is still being closed: libcamera hangs; check its cable, with the Pi switched"
                 " off"
             )
@@ -569,10 +553,10 @@ class Picamera2Camera(LiveCamera):
             set_to = controls_of(options, available, package.controls)
             self._configure(package, device, set_to)
             device.start()
-        except DriverError:
+        except errors.DriverError:
             raise
         except Exception as error:
-            raise DeviceOpenError(f"the camera {self._name} cannot be opened: {why(error)}") from error
+            raise errors.DeviceOpenError(f"the camera {self._name} cannot be opened: {why(error)}") from error
         found, taken = self._settled(set_to), device.camera_configuration()
         self._optics = optics_of(options, attached[number], taken, set_to, found)
         return (*not_there(options, available), *not_taken(options, taken), *differences(options, set_to, found))
@@ -594,7 +578,7 @@ class Picamera2Camera(LiveCamera):
         )
         found = device.camera_configuration()["main"]["format"]
         if found != PICTURE_FORMAT:
-            raise DeviceOpenError(
+            raise errors.DeviceOpenError(
                 f"the camera {options.name} gives {found} instead of colour pictures; for a USB camera use the driver"
                 " 'opencv'"
             )
@@ -616,13 +600,13 @@ class Picamera2Camera(LiveCamera):
                     found = request.get_metadata()
                 if not any(differences(self._options, set_to, found)):
                     break
-        except (CaptureTimeoutError, LinkLostError) as error:
+        except (errors.CaptureTimeoutError, errors.LinkLostError) as error:
             if not found:
                 words = "opens but gives no picture; check both ends of its cable, with the Pi switched off"
-                raise DeviceOpenError(f"the camera {name} {words}") from error
+                raise errors.DeviceOpenError(f"the camera {name} {words}") from error
         if self._captured_at_s(found) is None:
             words = "does not say when it took its pictures; for a USB camera use the driver 'opencv'"
-            raise DeviceOpenError(f"the camera {name} {words}")
+            raise errors.DeviceOpenError(f"the camera {name} {words}")
         return found
 
     def _next(self) -> CapturedPicture:
@@ -642,7 +626,7 @@ class Picamera2Camera(LiveCamera):
                     boxes = self._network.find(metadata) if self._network else None
                     return CapturedPicture(self._copied(request), captured_at_s, _exposure_s(metadata), boxes)
             passed_over += 1
-        raise CaptureTimeoutError(
+        raise errors.CaptureTimeoutError(
             f"the camera {self._options.name} gave no new frame for {self._options.read_timeout:g} s"
             + (f" ({passed_over} that were late or of unknown age)" if passed_over else "")
         )
@@ -662,13 +646,13 @@ class Picamera2Camera(LiveCamera):
             request = device.wait(device.capture_request(wait=False), timeout=max(0.0, limit_s))
         except TimeoutError as error:
             device.cancel_all_and_flush()  # else every later request waits behind this one
-            raise CaptureTimeoutError(
+            raise errors.CaptureTimeoutError(
                 f"the camera {name} gave no frame for {limit_s:.1f} s; is its cable loose?"
             ) from error
         except CancelledError as error:
-            raise DeviceClosedError(f"the camera {name} was closed while a frame was awaited") from error
+            raise errors.DeviceClosedError(f"the camera {name} was closed while a frame was awaited") from error
         except Exception as error:
-            raise LinkLostError(f"the camera {name} has failed: {why(error)}") from error
+            raise errors.LinkLostError(f"the camera {name} has failed: {why(error)}") from error
         try:
             self._check_open()
             yield request

@@ -18,17 +18,10 @@ import numpy as np
 import pytest
 from msgspec import Struct
 
+from stadimeter import errors
 from stadimeter.cameras.protocol import Camera
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Frame
-from stadimeter.errors import (
-    DeviceClosedError,
-    DeviceOpenError,
-    DriverError,
-    EndOfFramesError,
-    PictureError,
-    StadimeterError,
-)
 from stadimeter.testing.rig import Contract
 
 # How many frames a recording under test must have, at least.
@@ -80,7 +73,7 @@ class CameraContract(Contract):
 
     def test_the_constructor_touches_no_device_and_open_says_that_it_is_absent(self, rig: CameraRig) -> None:
         """A program may build every driver, and report on all of them, before it opens one."""
-        with pytest.raises((DeviceOpenError, PictureError)) as raised:
+        with pytest.raises((errors.DeviceOpenError, errors.PictureError)) as raised:
             _absent(rig).open()
         assert str(raised.value), "an error must say what is wrong"
         assert "\n" not in str(raised.value).strip(), "an error message is one line"
@@ -88,15 +81,15 @@ class CameraContract(Contract):
     def test_reading_a_camera_that_failed_to_open_raises(self, rig: CameraRig) -> None:
         """A camera that failed to open is closed."""
         camera = _absent(rig)
-        with pytest.raises((DeviceOpenError, PictureError)):
+        with pytest.raises((errors.DeviceOpenError, errors.PictureError)):
             camera.open()
-        with pytest.raises(DeviceClosedError):
+        with pytest.raises(errors.DeviceClosedError):
             camera.read()
         camera.close()
 
     def test_reading_before_opening_raises(self, rig: CameraRig) -> None:
         """Reading needs an open camera."""
-        with pytest.raises(DeviceClosedError):
+        with pytest.raises(errors.DeviceClosedError):
             rig.camera.read()
 
     def test_reading_after_closing_raises(self, rig: CameraRig) -> None:
@@ -104,7 +97,7 @@ class CameraContract(Contract):
         rig.camera.open()
         rig.camera.read()
         rig.camera.close()
-        with pytest.raises(DeviceClosedError):
+        with pytest.raises(errors.DeviceClosedError):
             rig.camera.read()
 
     def test_closing_may_be_done_at_any_time_and_again(self, rig: CameraRig) -> None:
@@ -143,8 +136,8 @@ class CameraContract(Contract):
         rig.lose()
         error = _error_of(rig.camera)
         assert error is not None, f"the device is gone, and {MAX_READS} frames came all the same"
-        assert isinstance(error, StadimeterError), f"an error of the vendor's reached the app: {error!r}"
-        assert not isinstance(error, EndOfFramesError), "a device that failed is not a recording that ended"
+        assert isinstance(error, errors.StadimeterError), f"an error of the vendor's reached the app: {error!r}"
+        assert not isinstance(error, errors.EndOfFramesError), "a device that failed is not a recording that ended"
         assert "\n" not in str(error).strip(), "an error message is one line"
 
     def test_whether_something_may_move_on_its_frames_is_known_before_it_is_opened(self, rig: CameraRig) -> None:
@@ -203,14 +196,14 @@ class CameraContract(Contract):
         if not rig.camera.is_live:
             pytest.skip("a camera that is not live is read and closed by one thread")
         rig.camera.open()
-        started, errors = threading.Event(), list[Exception]()
-        thread = threading.Thread(target=_read_until_error, args=(rig.camera, started, errors), daemon=True)
+        started, ended_by = threading.Event(), list[Exception]()
+        thread = threading.Thread(target=_read_until_error, args=(rig.camera, started, ended_by), daemon=True)
         thread.start()
         assert started.wait(CLOSE_LIMIT_S), "no frame came"
         rig.camera.close()
         thread.join(CLOSE_LIMIT_S)
         assert not thread.is_alive(), "the read did not end"
-        assert isinstance(errors[0], DriverError), f"the read ended with {errors[0]!r}"
+        assert isinstance(ended_by[0], errors.DriverError), f"the read ended with {ended_by[0]!r}"
 
 
 def _absent(rig: CameraRig) -> Camera:
@@ -235,10 +228,10 @@ def _error_of(camera: Camera) -> Exception | None:
     return None
 
 
-def _read_until_error(camera: Camera, started: threading.Event, errors: list[Exception]) -> None:
+def _read_until_error(camera: Camera, started: threading.Event, ended_by: list[Exception]) -> None:
     try:
         while True:
             camera.read()
             started.set()
     except Exception as error:  # noqa: BLE001 - the test looks at it
-        errors.append(error)
+        ended_by.append(error)
