@@ -48,7 +48,7 @@ CODECS: dict[str, Callable[[], SerialCodec]] = {
     WAVESHARE: lambda: WaveshareUgvCodec(auto_stop_s=0.3),
     HOVERBOARD: lambda: HoverboardCodec(full_speed_mps=1000.0, rpm_mps=0.01),
     OPENBOT: lambda: AsciiCodec(OPENBOT_OPTIONS),
-    OI: lambda: RoombaCodec(is_create_1=False),
+    OI: RoombaCodec,
 }
 
 # A header that is none may announce a frame of so many bytes.

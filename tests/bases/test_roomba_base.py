@@ -15,9 +15,8 @@ from stadimeter.bases.serial_base import SerialBase
 from stadimeter.bases.serial_link import Greeting
 from stadimeter.config.plugins import SerialStop
 from stadimeter.core.command import TwistCommand
-from stadimeter.errors import DeviceOpenError, ProtocolError
-from stadimeter.simulation.emulated_base import EmulatedPort
-from stadimeter.simulation.firmware import FULL, OFF, PASSIVE, SAFE, Create1Firmware, RoombaFirmware
+from stadimeter.errors import ProtocolError
+from stadimeter.simulation.firmware import FULL, OFF, PASSIVE, SAFE, RoombaFirmware
 from stadimeter.testing.rig import ManualClock
 from support.base_bench import BaseBench, base_bench, opened, wire
 from support.each_case import each_case
@@ -33,7 +32,7 @@ def started(mode: int = SAFE) -> RoombaFirmware:
 
 
 def test_an_encoder_that_wraps_around_counts_on() -> None:
-    listener, robot = RoombaCodec(is_create_1=False), started()
+    listener, robot = RoombaCodec(), started()
     robot.receive(listener.question, 0.0)
     rolled_m = []
     for step in range(1, 9):
@@ -45,7 +44,7 @@ def test_an_encoder_that_wraps_around_counts_on() -> None:
 
 @each_case("size", range(6))
 def test_a_stop_behind_any_part_of_a_frame_stops(size: int) -> None:
-    robot, sender = started(), RoombaCodec(is_create_1=False)
+    robot, sender = started(), RoombaCodec()
     moving = sender.encode(WheelSpeeds(left_mps=0.4, right_mps=-0.3)).frame
     robot.receive(moving, 0.0)
     robot.receive(moving[:size] + sender.ends_cut_frame + sender.stop, 0.001)
@@ -57,7 +56,7 @@ def test_the_stop_from_outside_stops_also_behind_half_a_request(size: int) -> No
     options = RoombaOptions.model_validate({"port": "/dev/ttyUSB0"})
     stop = options.serial_stop()
     robot = started(FULL)
-    robot.receive(RoombaCodec(is_create_1=False).encode(WheelSpeeds(left_mps=0.4, right_mps=0.4)).frame, 0.0)
+    robot.receive(RoombaCodec().encode(WheelSpeeds(left_mps=0.4, right_mps=0.4)).frame, 0.0)
     robot.receive(options.codec().question[:size], 0.0)
     assert isinstance(stop, SerialStop)
     assert len(stop.frame) <= 64
@@ -94,14 +93,14 @@ class LateLink:
 
 def report(mode: int) -> bytes:
     robot = started(mode)
-    robot.receive(RoombaCodec(is_create_1=False).question, 0.0)
+    robot.receive(RoombaCodec().question, 0.0)
     return robot.receive(b"", 0.016)
 
 
 @pytest.mark.parametrize("wakings", [1, 2])
 def test_a_robot_that_is_woken_may_report_what_was_in_between(wakings: int) -> None:
     def greet(*reads: bytes) -> None:
-        codec = RoombaCodec(is_create_1=False)
+        codec = RoombaCodec()
         Greeting(link=LateLink(*reads, wakings=wakings), clock=ManualClock(), codec=codec, boot_wait_s=2.0).run()
 
     late = report(SAFE) + report(PASSIVE)
@@ -223,41 +222,11 @@ def test_a_robot_that_drove_when_an_earlier_program_died_is_stopped_by_opening_i
         assert bench.firmware.mode == SAFE
 
 
-def test_a_create_1_is_asked_for_what_it_has(bench: BaseBench) -> None:
-    robot = Create1Firmware(bench.clock.now_s())
-    port = EmulatedPort(robot, bench.clock)
-    base = bench.base(model="create-1", port=port.path)
-    base.open()
-    bench.drive(base, 0.2)
-    assert robot.left.speed_mps == pytest.approx(0.2, rel=0.02)
-    assert bench.report(base).left_m is None
-    assert bench.report(base).battery_v == pytest.approx(12.0)
-    base.close()
-    bench.clock.advance_s(1.0)
-    assert robot.mode == PASSIVE
-    assert robot.left.speed_mps == pytest.approx(0.0, abs=1e-3)
-    port.close()
-
-
-def test_a_create_1_that_is_taken_for_a_create_2_cannot_be_opened(bench: BaseBench) -> None:
-    port = EmulatedPort(Create1Firmware(bench.clock.now_s()), bench.clock)
-    with pytest.raises(DeviceOpenError, match="model and baud rate"):
-        bench.base(port=port.path).open()
-    port.close()
-
-
-@pytest.mark.parametrize(("model", "baud", "width_m"), [("create-2", 115200, 0.235), ("create-1", 57600, 0.258)])
-def test_the_model_gives_baud_rate_and_track_width(model: str, baud: int, width_m: float) -> None:
-    options = RoombaOptions.model_validate({"port": "/dev/ttyUSB0", "model": model})
-    assert (options.baud, options.track_width) == (baud, pytest.approx(width_m))
-    assert RoombaOptions.model_validate({"port": "/dev/ttyUSB0", "model": model, "baud": 19200}).baud == 19200
-
-
 @pytest.mark.parametrize(
     ("table", "message"),
     [
         ({"max_wheel_speed": "0.6 m/s"}, "beyond 0.5 m/s"),
-        ({"model": "roomba-980"}, "create-2"),
+        ({"model": "create-2"}, "model"),
         ({"track_width": "0 cm"}, "track_width"),
     ],
 )

@@ -14,9 +14,8 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal, Self
+from typing import ClassVar, Self
 
-from msgspec import Struct
 from msgspec.structs import replace
 from pydantic import model_validator
 
@@ -30,11 +29,11 @@ MAX_WHEEL_MPS = 0.5
 # Wheels of 72 mm, and 508.8 counts while one turns once.
 COUNT_M = math.pi * 0.072 / 508.8
 
-_START, _SAFE, _DRIVE_DIRECT, _STREAM, _PAUSE_STREAM, _STOP = 128, 131, 145, 148, 150, 173
+_START, _SAFE, _DRIVE_DIRECT, _STREAM, _STOP = 128, 131, 145, 148, 173
 _SAFE_MODE = 2
 
 _BUMPS_AND_DROPS, _CLIFFS, _OVERCURRENTS, _VOLTAGE, _MODE, _ENCODERS = 7, (9, 10, 11, 12), 14, 22, 35, (43, 44)
-_STREAMED = (_BUMPS_AND_DROPS, *_CLIFFS, _OVERCURRENTS, _VOLTAGE, _MODE)
+_STREAMED = (_BUMPS_AND_DROPS, *_CLIFFS, _OVERCURRENTS, _VOLTAGE, _MODE, *_ENCODERS)
 
 _HEADER = 19
 # The longest frame that the slowest line can carry in the 15 ms between two of them has so many bytes.
@@ -46,27 +45,23 @@ _WORDS = {19, 20, 22, 23, *range(25, 32), 33, *range(39, 45), *range(46, 52), *r
 class RoombaCodec(SerialCodec):
     """The Open Interface: an opcode and its data, without checksums; and a stream of sensor packets, with one.
 
-    Drive Direct takes the right wheel first. The checksum of a frame covers its header too, which texts about the
-    Create 1 leave out. What was cut short is filled up with zeros: as data they drive nothing, and as opcodes they are
+    Drive Direct takes the right wheel first. The checksum of a frame covers its header too, which some texts
+    leave out. What was cut short is filled up with zeros: as data they drive nothing, and as opcodes they are
     unknown.
 
-    Source: iRobot Create 2 Open Interface Specification based on the Roomba 600; Create Open Interface of 2006.
-
-    Args:
-        is_create_1: Whether it lacks encoders and the opcode that ends the Open Interface.
+    Source: iRobot Create 2 Open Interface Specification based on the Roomba 600.
     """
 
     name = "Roomba or Create"
     answers = Answers.STREAM
-    hint = "check that it is switched on and awake (press its Clean button), that model and baud rate are right"
+    hint = "check that it is switched on and awake (press its Clean button), that the baud rate is right"
     steps: ClassVar = SpeedSteps(step_mps=1e-3)
+    wake = (bytes([_START]), bytes([_SAFE]))
+    question = bytes([_STREAM, len(_STREAMED), *_STREAMED])
+    closing = (bytes([_START]), bytes([_STOP]))
+    ends_cut_frame = bytes(len(question))
 
-    def __init__(self, *, is_create_1: bool) -> None:
-        streamed = _STREAMED if is_create_1 else _STREAMED + _ENCODERS
-        self.wake = (bytes([_START]), bytes([_SAFE]))
-        self.question = bytes([_STREAM, len(streamed), *streamed])
-        self.closing = (bytes([_PAUSE_STREAM, 0, _START]),) if is_create_1 else (bytes([_START]), bytes([_STOP]))
-        self.ends_cut_frame = bytes(len(self.question))
+    def __init__(self) -> None:
         self._encoders = [EncoderCounter(bits=16, count_m=COUNT_M) for _ in range(2)]
         self._buffer = bytearray()
         self._is_armed = False
@@ -172,19 +167,6 @@ def _overcurrents(bits: int | None) -> tuple[str, ...] | None:
     return tuple(f"overcurrent of the {side} wheel" for side, bit in (("left", 16), ("right", 8)) if bits & bit)
 
 
-class _Model(Struct, frozen=True, kw_only=True):
-    """The differences between models."""
-
-    baud: int
-    track_width: str
-
-
-_MODELS = {
-    "create-2": _Model(baud=115200, track_width="235 mm"),
-    "create-1": _Model(baud=57600, track_width="258 mm"),
-}
-
-
 class RoombaOptions(SerialBaseOptions):
     """The table of such a base in the configuration."""
 
@@ -194,16 +176,12 @@ class RoombaOptions(SerialBaseOptions):
         "and people"
     )
 
-    model: Literal["create-2", "create-1"] = "create-2"
-    """``create-2`` also for the Roombas 500 to 900; ``create-1`` has no encoders. `baud` and `track_width` follow."""
-    track_width: Length = 0.235
-    """Distance between the middles of the two driven wheels; that of the model."""
+    written_elsewhere: ClassVar = SerialBaseOptions.written_elsewhere | {
+        "model": "leave it out: the first Create is not driven, all others are alike"
+    }
 
-    @model_validator(mode="before")
-    @classmethod
-    def _fill_in_the_model(cls, table: Any) -> Any:
-        model = _MODELS.get(table.get("model", "create-2")) if isinstance(table, Mapping) else None
-        return {"baud": model.baud, "track_width": model.track_width, **table} if model else table
+    track_width: Length = 0.235
+    """Distance between the middles of the two driven wheels."""
 
     @model_validator(mode="after")
     def _check_speed_is_reached(self) -> Self:
@@ -217,7 +195,7 @@ class RoombaOptions(SerialBaseOptions):
 
     def codec(self) -> RoombaCodec:
         """Return a new codec of the protocol."""
-        return RoombaCodec(is_create_1=self.model == "create-1")
+        return RoombaCodec()
 
     def serial_stop(self) -> SerialStop | None:
         """Return the stop, and behind it the opcode that makes it passive, in which its motors are off."""

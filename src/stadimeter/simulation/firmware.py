@@ -433,13 +433,13 @@ class EmulatedRoboclawOptions(EmulatedBoardOptions):
     firmware: ClassVar = RoboclawFirmware
 
 
-# A Create 2 or a Create 1, emulated down to the bytes of its Open Interface, with wheels that take time to turn -------
+# A Create 2, emulated down to the bytes of its Open Interface, with wheels that take time to turn ---------------------
 #
 # What is as in the specification: opcodes and how many data bytes follow them, modes and what leaves Safe mode, the
 # 20 ms that a change of mode takes, the stream of sensor packets every 15 ms, encoders of 16 bits, and that
 # **nothing ever ends a drive command**. What is simpler: no cleaning, no sleep; packets of what it lacks are 0.
 #
-# Source: iRobot Create 2 Open Interface Specification based on the Roomba 600; Create Open Interface of 2006.
+# Source: iRobot Create 2 Open Interface Specification based on the Roomba 600.
 
 STREAMED_EVERY_S = 0.015
 MODE_CHANGE_S = 0.020  # what comes within this after a change of mode is lost
@@ -447,6 +447,7 @@ MAX_WHEEL_MPS = 0.5
 TICKS_PER_METRE = 508.8 / (math.pi * 0.072)
 
 OFF, PASSIVE, SAFE, FULL = range(4)
+LAST_PACKET = 58
 
 # How many data bytes follow an opcode, where there are any.
 _ROOMBA_DATA_BYTES = {129: 1, 137: 4, 138: 1, 139: 3, 141: 1, 142: 1, 144: 3, 145: 4, 146: 4, 150: 1}
@@ -456,8 +457,6 @@ _WORDS = {19, 20, *range(22, 24), *range(25, 32), 33, *range(39, 45), *range(46,
 
 class RoombaFirmware(EmulatedFirmware):
     """The robot's program, as a function of bytes and time."""
-
-    last_packet: ClassVar = 58
 
     def __init__(self, started_s: float = 0.0, ticks_per_metre: float = TICKS_PER_METRE) -> None:
         super().__init__(started_s, ticks_per_metre)
@@ -507,12 +506,12 @@ class RoombaFirmware(EmulatedFirmware):
             case 145 if self.mode >= SAFE:
                 right, left = (max(-MAX_WHEEL_MPS, min(MAX_WHEEL_MPS, mm / 1e3)) for mm in struct.unpack(">hh", data))
                 self._drive(left, right)
-            case 148 if all(7 <= packet <= self.last_packet for packet in data[1:]):
+            case 148 if all(7 <= packet <= LAST_PACKET for packet in data[1:]):
                 self._streamed = data[1:]
                 self._stream(is_on=True)
             case 150:
                 self._stream(is_on=data[0] == 1)
-            case 173 if self.last_packet == RoombaFirmware.last_packet:
+            case 173:
                 self._change_mode(OFF)
                 self._stream(is_on=False)
 
@@ -550,12 +549,6 @@ class RoombaFirmware(EmulatedFirmware):
         if packet in {43, 44}:
             return int((self.left if packet == 43 else self.right).rolled_m * TICKS_PER_METRE)
         return {14: self.overcurrents, 22: round(self.battery_v * 1e3), 35: self.mode}.get(packet, 0)
-
-
-class Create1Firmware(RoombaFirmware):
-    """A Create 1, which has no encoders, and cannot leave its Open Interface."""
-
-    last_packet: ClassVar = 42
 
 
 class EmulatedRoombaOptions(EmulatedBoardOptions):
