@@ -3,11 +3,8 @@
 gpiozero by itself tries one library after another, with a page of warnings, and may end at one that cannot drive this
 Pi. Here it is lgpio, the only one that drives every Pi from the first to the fifth, or an error that says what to do.
 
-Two variables of the environment, gpiozero's own, choose something else:
-
-- ``GPIOZERO_PIN_FACTORY=mock`` drives pins that exist in memory only, to try a configuration without hardware;
-  ``lgpio``, or nothing, drives the real ones.
-- ``GPIOZERO_MOCK_PIN_CLASS`` is the kind of pin in memory; ``mockpwmpin``, which can be dimmed, unless it is set.
+A variable of the environment, gpiozero's own, chooses something else: ``GPIOZERO_PIN_FACTORY=mock`` drives pins that
+exist in memory only, to try a configuration without hardware; ``lgpio``, or nothing, drives the real ones.
 """
 
 from __future__ import annotations
@@ -22,7 +19,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from gpiozero import DigitalOutputDevice, GPIODevice, GPIOPinInUse, GPIOZeroError, PinUnknownPi, PWMOutputDevice
-from gpiozero.pins.mock import MockFactory
+from gpiozero.pins.mock import MockFactory, MockPWMPin
 from gpiozero.pins.pi import PiFactory
 
 from stadimeter.config.extras import missing
@@ -65,7 +62,7 @@ def open_pin_factory() -> PiFactory:
     if name == "lgpio":
         return _open_lgpio()
     if name == "mock":
-        return _make_mock()
+        return MockFactory(pin_class=MockPWMPin)
     raise DeviceOpenError(_not_ours(name))
 
 
@@ -142,16 +139,6 @@ def _notification_pipe_elsewhere() -> Iterator[None]:
                 del os.environ["LG_WD"]
             else:
                 os.environ["LG_WD"] = asked
-
-
-def _make_mock() -> PiFactory:
-    pin_class = os.environ.get("GPIOZERO_MOCK_PIN_CLASS") or "mockpwmpin"
-    try:
-        return MockFactory(pin_class=pin_class)
-    except KeyError as error:
-        raise DeviceOpenError(
-            f"GPIOZERO_MOCK_PIN_CLASS={pin_class}: gpiozero has no such kind of pin; unset the variable"
-        ) from error
 
 
 def vendor_errors() -> tuple[type[Exception], ...]:
