@@ -8,44 +8,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.bases.differential_drive import Motion
-from stadimeter.bases.ros2_base import (
-    BATTERY_TYPE,
+from stadimeter.bases.rosbridge import (
     POSE_TYPE,
-    battery_from_cdr,
     battery_from_json,
-    pose_cdr,
     pose_json,
     target_pose,
     type_name,
-    velocity_cdr,
     velocity_json,
 )
 from stadimeter.core.measurement import Track, TrackStatus
 
-pytest.importorskip("rosbags", reason="an independent decoder of CDR, of the group dev")
+pytest.importorskip("rosbags", reason="the definitions of ROS 2's messages, of the group dev")
 
 from rosbags.typesys import Stores, get_typestore
 
-from support.zenoh_robot import battery_state
-
-SPEEDS = st.floats(allow_nan=False, allow_infinity=False)
 STORE = get_typestore(Stores.ROS2_JAZZY)
-
-
-@given(linear_mps=SPEEDS, angular_radps=SPEEDS, frame_id=st.text(st.characters(codec="ascii", exclude_characters="\0")))
-@pytest.mark.parametrize("message", ["Twist", "TwistStamped"])
-def test_an_independent_decoder_reads_what_was_written(
-    message: str, linear_mps: float, angular_radps: float, frame_id: str
-) -> None:
-    motion = Motion(linear_mps=linear_mps, angular_radps=angular_radps)
-    data = velocity_cdr(motion, message, frame_id)
-    read = STORE.deserialize_cdr(data, type_name(message))
-    twist = read if message == "Twist" else read.twist
-    assert (twist.linear.x, twist.linear.y, twist.linear.z) == (linear_mps, 0.0, 0.0)
-    assert (twist.angular.x, twist.angular.y, twist.angular.z) == (0.0, 0.0, angular_radps)
-    if message == "TwistStamped":
-        assert (read.header.frame_id, read.header.stamp.sec, read.header.stamp.nanosec) == (frame_id, 0, 0)
-    assert bytes(STORE.serialize_cdr(read, type_name(message))) == data
 
 
 @pytest.mark.parametrize("message", ["Twist", "TwistStamped"])
@@ -95,19 +72,6 @@ def test_a_target_that_was_never_seen_has_no_pose() -> None:
     assert target_pose(Track(target="ball"), 0.0, 0.01) is None
 
 
-@given(frame_id=st.text(st.characters(codec="ascii", exclude_characters="\0")))
-def test_an_independent_decoder_reads_a_pose(frame_id: str) -> None:
-    pose = target_pose(track(), 1_700_000_000.25, 0.01)
-    read = STORE.deserialize_cdr(pose_cdr(pose, frame_id), POSE_TYPE)
-    assert (read.header.frame_id, read.header.stamp.sec) == (frame_id, 1_700_000_000)
-    assert read.header.stamp.nanosec == pytest.approx(250_000_000, abs=1000)
-    place = read.pose.pose.position
-    assert (place.x, place.y, place.z) == pose.position_m
-    assert read.pose.pose.orientation.w == 1.0
-    assert tuple(read.pose.covariance) == pose.covariance
-    assert bytes(STORE.serialize_cdr(read, POSE_TYPE)) == pose_cdr(pose, frame_id)
-
-
 def test_a_pose_in_json_has_the_fields_of_the_type_and_no_others() -> None:
     fields = pose_json(target_pose(track(), 1.5, 0.01), "camera_link")
     assert [*fields] == [name for name, _ in STORE.fielddefs[POSE_TYPE][1]]
@@ -116,16 +80,7 @@ def test_a_pose_in_json_has_the_fields_of_the_type_and_no_others() -> None:
     assert len(fields["pose"]["covariance"]) == 36
 
 
-@pytest.mark.parametrize("frame_id", ["", "b", "battery", "front_battery_link"])
-def test_the_voltage_of_a_battery_is_read_behind_a_name_of_any_length(frame_id: str) -> None:
-    message = bytes(STORE.serialize_cdr(battery_state(12.25, frame_id), BATTERY_TYPE))
-    assert battery_from_cdr(message) == 12.25
-    assert battery_from_cdr(message[:18]) is None
-
-
 @pytest.mark.parametrize("voltage", [None, math.nan, math.inf, "12 V", True])
 def test_a_voltage_that_is_not_known_is_none(voltage: object) -> None:
     assert battery_from_json({"voltage": voltage}) is None
     assert battery_from_json({}) is None
-    if isinstance(voltage, float):
-        assert battery_from_cdr(bytes(STORE.serialize_cdr(battery_state(voltage), BATTERY_TYPE))) is None

@@ -15,8 +15,7 @@ pytest.importorskip("websockets", reason="the library of the extra ros2")
 from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.bases.ros2_base import Ros2Base
-from stadimeter.bases.rosbridge import RosbridgeOptions
+from stadimeter.bases.rosbridge import RosbridgeBase, RosbridgeOptions
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import TwistCommand
@@ -41,7 +40,7 @@ def bridge(driven: list[tuple[float, float]]) -> Iterator[RosbridgeServer]:
     bridge.stop()
 
 
-def base_at(url: str, clock: ManualClock | None = None, **table: object) -> Ros2Base:
+def base_at(url: str, clock: ManualClock | None = None, **table: object) -> RosbridgeBase:
     options = RosbridgeOptions.model_validate({"url": url} | table)
     return options.build(DriverContext(name="base", clock=clock or ManualClock()))
 

@@ -228,12 +228,9 @@ class TestSimulatedBase(BaseContract):
 
 
 def ros2_rig(
-    context: DriverContext,
-    driver: str,
-    make_robot: Callable[[Callable[[float, float], None]], Any],
-    at: Callable[[Any], dict[str, str]],
+    context: DriverContext, make_robot: Callable[[Callable[[float, float], None]], Any]
 ) -> Callable[[], BaseRig]:
-    """Return what makes rigs of a driver with a robot on the network, whose controller stops after half a second.
+    """Return what makes rigs with a robot on the network, whose controller stops after half a second.
 
     The clock of the rig stands while a message is on its way: each is waited for.
     """
@@ -246,7 +243,7 @@ def ros2_rig(
 
     peer = make_robot(drive)
     context.at_end(peer.stop)
-    options = load_driver(BASES, driver)(**at(peer))
+    options = load_driver(BASES, "ros2-rosbridge")(url=peer.url)
 
     def waiting_link() -> Any:
         link = type(options).link(options)
@@ -295,20 +292,7 @@ class TestRosbridgeBase(BaseContract):
         pytest.importorskip("websockets")
         from support.rosbridge_server import RosbridgeServer
 
-        return ros2_rig(context, "ros2-rosbridge", RosbridgeServer, lambda server: {"url": server.url})
-
-
-@pytest.mark.long
-class TestZenohBase(BaseContract):
-    """Over a real session to a real Zenoh peer, which decodes messages with a library of its own."""
-
-    @pytest.fixture
-    def make_rig(self, context: DriverContext) -> Callable[[], BaseRig]:
-        pytest.importorskip("zenoh")
-        pytest.importorskip("rosbags")
-        from support.zenoh_robot import ZenohRobot
-
-        return ros2_rig(context, "ros2-zenoh", ZenohRobot, lambda robot: {"endpoint": robot.endpoint})
+        return ros2_rig(context, RosbridgeServer)
 
 
 def pulled_cable(context: DriverContext) -> Callable[[bool], None]:

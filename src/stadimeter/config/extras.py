@@ -20,7 +20,6 @@ LIBRARIES = {
     "sun": "astral",
     "tof": "VL53L1X",
     "web": "uvicorn",
-    "zenoh": "zenoh",
 }
 
 # The first version that can give up waiting for a camera (`cancel_all_and_flush`).
@@ -50,7 +49,7 @@ PACKAGE_AGAIN = "`sudo apt install --reinstall ./stadimeter_VERSION.deb`, the pa
 # What Debian has. The package brings the libraries of the other extras itself, but for these: few need them, and some
 # are larger than all of it, or are compiled where they are installed.
 _OF_DEBIAN = {"pi": "python3-lgpio"}
-NOT_IN_PACKAGE = frozenset({"network", "ros2", "tof", "zenoh"})
+NOT_IN_PACKAGE = frozenset({"network", "ros2", "tof"})
 
 # Where the guides are that messages name: in a checkout, in the Debian package (a system may leave them out by
 # `path-exclude` of dpkg), or on the web.

@@ -54,7 +54,7 @@ class OptionsTable(BaseModel):
 # Bases that once had tables of their own in the configuration.
 _BASES_IN_TABLES = (
     "ascii", "gpio-motors", "hoverboard", "pan-servo", "pca9685", "roboclaw", "roomba", "ros-arduino-bridge",
-    "ros2-rosbridge", "ros2-zenoh", "sabertooth", "simulated", "waveshare-ugv",
+    "ros2-rosbridge", "sabertooth", "simulated", "waveshare-ugv",
 )  # fmt: skip
 
 # Options that once could be tuned.
