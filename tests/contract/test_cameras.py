@@ -269,7 +269,7 @@ MISTAKES: dict[type[NodeCamera], str] = {
     GoesOnWithTheLastPicture: "test_a_lost_device_ends_reading_with_an_error_of_ours",
     LeaksTheFirstHandle: "test_opening_an_open_camera_takes_the_device_once",
     KeepsTheDevice: "test_the_device_is_taken_by_open_and_let_go_by_close",
-    ReadsAfterClose: "test_reading_after_closing_raises",
+    ReadsAfterClose: "test_reading_needs_an_open_camera_which_may_be_closed_at_any_time_and_again",
     UsesFourBuffersInTurn: "test_a_frames_image_is_not_changed_by_later_reads",
     StampsGoBackAtTimes: "test_capture_times_never_go_back_nor_ahead_of_the_clock",
     StampsBeginAnew: "test_a_closed_camera_opens_again_and_time_and_numbers_go_on",

@@ -22,9 +22,9 @@ context = test_bases.context  # the fixture that the rig of the base asks for
 
 CANNOT_OPEN = "test_a_device_that_cannot_be_opened_raises_and_is_not_held"
 FAILS = "test_a_device_that_fails_raises_one_of_our_errors"
-RELEASED = "test_a_device_that_fails_is_released_all_the_same"
+RELEASED = "test_a_device_that_failed_is_released_all_the_same_and_works_again"
 TICKS = "test_it_acts_and_ticks_without_keeping_the_loop_waiting"
-USED_CLOSED = "test_using_it_after_it_was_closed_raises"
+USED_CLOSED = "test_using_it_while_it_is_closed_raises"
 TOLD = "test_without_the_other_side_it_opens_all_the_same_and_says_so_in_one_line"
 LOST = "test_a_lost_connection_is_noticed_by_ticks_alone"
 BUTTON_FAILS = "test_one_that_fails_raises_one_of_our_errors_and_can_be_opened_again"
@@ -115,7 +115,9 @@ ACTUATOR = {
     "ticks-for-ever": Mistake(TICKS, {"tick": then("tick", no_end)}),
 }
 BUTTON = {
-    "reads-upside-down": Mistake("test_nobody_presses_it_at_first", {"is_pressed": lambda it: not it.is_pressed()}),
+    "reads-upside-down": Mistake(
+        "test_it_is_pressed_for_as_long_as_it_is_held_down", {"is_pressed": lambda it: not it.is_pressed()}
+    ),
     "believes-that-nobody-presses": Mistake(BUTTON_FAILS, {"is_pressed": hiding(DriverError, "is_pressed")}),
 }
 BASE = {

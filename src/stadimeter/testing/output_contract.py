@@ -52,13 +52,7 @@ class OutputContract(Contract):
         assert not opened.rests()
         opened.pass_time_s(0.1)
 
-    def test_stop_brings_it_to_rest(self, opened: AnyRig) -> None:
-        opened.act()
-        opened.device.stop()
-        assert opened.comes_to_rest()
-
-    def test_it_acts_again_after_a_stop(self, opened: AnyRig) -> None:
-        """A stop does not latch."""
+    def test_stop_brings_it_to_rest_and_does_not_latch(self, opened: AnyRig) -> None:
         opened.act()
         opened.device.stop()
         assert opened.comes_to_rest()
@@ -72,12 +66,11 @@ class OutputContract(Contract):
         assert not opened.is_held()
         opened.device.close()
 
-    def test_using_it_before_it_is_open_raises(self, rig: AnyRig) -> None:
+    def test_using_it_while_it_is_closed_raises(self, rig: AnyRig) -> None:
         self._check_unusable(rig)
-
-    def test_using_it_after_it_was_closed_raises(self, opened: AnyRig) -> None:
-        opened.device.close()
-        self._check_unusable(opened)
+        rig.device.open()
+        rig.device.close()
+        self._check_unusable(rig)
 
     def test_stopping_and_closing_what_is_closed_does_nothing(self, rig: AnyRig) -> None:
         """Cleaning up does not depend on what was opened."""
@@ -121,21 +114,14 @@ class OutputContract(Contract):
         for call in (opened.device.stop, opened.tick, opened.device.close):
             raised_by(call)
 
-    def test_a_device_that_fails_is_released_all_the_same(self, opened: AnyRig, fault: str) -> None:
-        opened.begin(fault)
-        with suppress(DriverError):
-            self._use(opened)
-        with suppress(DriverError):
-            opened.device.close()
-        assert not opened.is_held()
-
-    def test_a_device_that_failed_opens_at_rest_and_works_again(self, opened: AnyRig, fault: str) -> None:
+    def test_a_device_that_failed_is_released_all_the_same_and_works_again(self, opened: AnyRig, fault: str) -> None:
         opened.act()
         opened.begin(fault)
         with suppress(DriverError):
             self._use(opened)
         with suppress(DriverError):
             opened.device.close()
+        assert not opened.is_held()
         opened.end(fault)
         opened.clock.advance_s(opened.settles_s)
         opened.device.open()
