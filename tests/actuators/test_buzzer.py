@@ -113,7 +113,7 @@ TICK_S = 0.02
 
 
 def make_pattern() -> BeepPattern:
-    return BeepPattern(slowest_s=1.0, fastest_s=0.1, beep_s=0.05)
+    return BeepPattern()
 
 
 def beeps(sounding: list[bool]) -> int:

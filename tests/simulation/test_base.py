@@ -18,7 +18,7 @@ from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.core.message import Message
 from stadimeter.errors import ConfigError
 from stadimeter.simulation.base import SimulatedBaseOptions
-from stadimeter.simulation.devices import LevelChange
+from stadimeter.simulation.devices import CHANGES_MAX, LevelChange
 from stadimeter.simulation.emulated_base import EmulatedPort
 from stadimeter.simulation.firmware import (
     EmulatedRosArduinoOptions,
@@ -27,6 +27,7 @@ from stadimeter.simulation.firmware import (
     RosArduinoFirmware,
     WaveshareUgvFirmware,
 )
+from stadimeter.simulation.services import SENT_MAX
 from stadimeter.testing.rig import ManualClock
 from support.base_bench import vectors, wire
 
@@ -331,11 +332,11 @@ def test_it_remembers_what_it_did_when(run) -> None:
 
 
 def test_its_memory_is_bounded(run) -> None:
-    actuator = run.build(ACTUATORS, history=3)
+    actuator = run.build(ACTUATORS)
     actuator.open()
-    for number in range(10):
-        actuator.apply(command(number / 10))
-    assert [change.level for change in actuator.changes] == [0.7, 0.8, 0.9]
+    for number in range(CHANGES_MAX + 10):
+        actuator.apply(command(number % 2))
+    assert len(actuator.changes) == CHANGES_MAX
 
 
 @pytest.mark.parametrize(("steps", "asked", "done"), [(1, 0.4, 0.0), (1, 0.6, 1.0), (4, 0.3, 0.25), (None, 0.3, 0.3)])
@@ -370,10 +371,10 @@ def test_messages_are_kept_with_their_time(run) -> None:
 
 
 def test_only_the_newest_messages_are_kept(run) -> None:
-    messenger = opened_messenger(run, history=3)
-    for number in range(10):
+    messenger = opened_messenger(run)
+    for number in range(SENT_MAX + 10):
         messenger.publish(message(str(number)))
-    assert payloads(messenger) == ["7", "8", "9"]
+    assert payloads(messenger) == [str(number) for number in range(10, SENT_MAX + 10)]
     assert messenger.dropped == 0
 
 

@@ -135,27 +135,24 @@ class GpiozeroSwitch(PinActuator):
 # An active buzzer: one that sounds by itself when it gets power -------------------------------------------------------
 
 
+# From one beep to the next at the lowest level above 0, and just below the full one; and how long a beep is: less than
+# two ticks might fall between them.
+SLOWEST_S, FASTEST_S, BEEP_S = 1.0, 0.1, 0.05
+
+
 class BeepPattern:
     """Beeps of one length whose rate follows a level, as in a parking sensor.
 
     The period goes from the slowest to the fastest in equal ratios: a step of level sounds like the same step
     everywhere. A change of level moves the next beep, never the one that sounds.
-
-    Args:
-        slowest_s: The period, from one beep's start to the next one's, at the lowest level above 0.
-        fastest_s: The period just below level 1, at most `slowest_s`.
-        beep_s: How long a beep is, less than `fastest_s`.
     """
 
-    def __init__(self, *, slowest_s: float, fastest_s: float, beep_s: float) -> None:
-        self._slowest_s = slowest_s
-        self._ratio = fastest_s / slowest_s
-        self._beep_s = beep_s
+    def __init__(self) -> None:
         self._started_s: float | None = None
 
     def period_s(self, level: float) -> float:
-        """Return the time from one beep's start to the next one's: ``slowest_s * (fastest_s / slowest_s) ** level``."""
-        return float(self._slowest_s * self._ratio**level)
+        """Return the time from one beep's start to the next one's: ``SLOWEST_S * (FASTEST_S / SLOWEST_S) ** level``."""
+        return float(SLOWEST_S * (FASTEST_S / SLOWEST_S) ** level)
 
     def sounds(self, level: float, now_s: float) -> bool:
         """Move on to a time and return whether it sounds then. Asking twice for one time gives the same answer.
@@ -167,7 +164,7 @@ class BeepPattern:
             self._started_s = None
             return False
         self._started_s = self._newest_start_s(self.period_s(level), now_s)
-        return level >= 1.0 or now_s - self._started_s < self._beep_s
+        return level >= 1.0 or now_s - self._started_s < BEEP_S
 
     def _newest_start_s(self, period_s: float, now_s: float) -> float:
         if self._started_s is None:
@@ -177,12 +174,7 @@ class BeepPattern:
             return self._started_s
         # Counted from when it was due, so that late ticks do not slow the beeping down, but never so far back that
         # the beep would be over before it was heard.
-        return due_s if now_s - due_s < self._beep_s / 2 else now_s
-
-
-# From one beep to the next at the lowest level above 0, and just below the full one; and how long a beep is: less than
-# two ticks might fall between them.
-SLOWEST_S, FASTEST_S, BEEP_S = 1.0, 0.1, 0.05
+        return due_s if now_s - due_s < BEEP_S / 2 else now_s
 
 
 class BuzzerOptions(OutputPinOptions):
@@ -207,7 +199,7 @@ class GpiozeroBuzzer(PinActuator):
 
     def __init__(self, options: BuzzerOptions, context: DriverContext) -> None:
         super().__init__(OutputPin(context, options.pin, active_high=options.active_high), context)
-        self._pattern = BeepPattern(slowest_s=SLOWEST_S, fastest_s=FASTEST_S, beep_s=BEEP_S)
+        self._pattern = BeepPattern()
         self._steady = options.steady
         self._level = 0.0
 

@@ -14,14 +14,14 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from typing import Annotated, ClassVar, Protocol, Self
+from typing import Annotated, ClassVar, Self
 
 from gpiozero.pins.pi import PiFactory
 from msgspec.structs import replace
 from pydantic import AfterValidator, Field, model_validator
 
 from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelSpeeds
-from stadimeter.bases.protocol import MotorOutputs, WiresMotors
+from stadimeter.bases.protocol import MotorOutputs
 from stadimeter.config.plugins import PORTS, DriverContext, DriverOptions, OptionsTable, driver_names, load_driver
 from stadimeter.config.units import Duration, Frequency, Length, Pin, Speed
 from stadimeter.core.command import BaseReport, TwistCommand
@@ -263,15 +263,6 @@ class HBridgeBase(ABC):
 HEADER = "header"
 
 
-class EmulatedPins(WiresMotors, Protocol):
-    """Pins in memory that turn the wheels of the simulated robot."""
-
-    @property
-    def factory(self) -> PiFactory:
-        """Makes the pins."""
-        ...
-
-
 class MotorPins(MotorTable):
     """The pins of one motor, by their BCM numbers: forward and backward, both and pwm, or direction and pwm."""
 
@@ -363,7 +354,7 @@ class GpioMotorsBase(HBridgeBase):
     def _choose_factory(self) -> Callable[[], PiFactory]:
         if self._port not in driver_names(PORTS):
             return lambda: shared_pin_factory(self._context)
-        emulated: EmulatedPins = load_driver(PORTS, self._port)().build(self._context)
+        emulated = load_driver(PORTS, self._port)().build(self._context)
         (left,), (right,) = self._motors
         emulated.wire([left], [right], next(iter(self._enabled), None))
         return lambda: emulated.factory

@@ -20,7 +20,7 @@ from msgspec import Struct
 from pydantic import Field, model_validator
 
 from stadimeter.bases.gpio_motors import HBridgeBase, HBridgeOptions, MotorTable
-from stadimeter.bases.protocol import MotorOutputs, WiresMotors
+from stadimeter.bases.protocol import MotorOutputs
 from stadimeter.config.plugins import PORTS, DriverContext, I2cStop, driver_names, load_driver
 from stadimeter.config.units import Frequency
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError
@@ -345,10 +345,6 @@ BOARDS = {
 }
 
 
-class EmulatedChip(I2cDevice, WiresMotors, Protocol):
-    """A chip in memory that turns the wheels of the simulated robot."""
-
-
 class MotorChannels(MotorTable):
     """The channels of one motor, 0 to 15: forward and backward, both and pwm, or direction and pwm."""
 
@@ -441,7 +437,7 @@ class Pca9685Base(HBridgeBase):
         """
         if self.is_open:
             return
-        emulated: EmulatedChip | None = self._chip.open()
+        emulated = self._chip.open()
         if emulated is not None:
             emulated.wire(self._board.left, self._board.right)
         self._forget()

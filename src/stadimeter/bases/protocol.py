@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Protocol
 
 from msgspec import Struct
@@ -239,11 +238,3 @@ class MotorOutputs(Struct, frozen=True, kw_only=True):
     forward: int
     backward: int | None = None
     pwm: int | None = None
-
-
-class WiresMotors(Protocol):
-    """An emulated port behind which motors turn the wheels of the simulated robot."""
-
-    def wire(self, left: Sequence[MotorOutputs], right: Sequence[MotorOutputs], enable: int | None = None) -> None:
-        """Connect the motors of each side, and an output that must be high for any of them to run."""
-        ...

@@ -58,7 +58,9 @@ _BASES_IN_TABLES = (
 )  # fmt: skip
 
 # Options that once could be tuned.
-_FIXED = ("keepalive", "slowest", "fastest", "beep", "kick", "on_at", "pose_bearing_sigma", "queue", "retry_for")
+_FIXED = (
+    "keepalive", "slowest", "fastest", "beep", "kick", "on_at", "pose_bearing_sigma", "queue", "history", "retry_for",
+)  # fmt: skip
 
 
 class DriverOptions(OptionsTable):

@@ -17,14 +17,15 @@ from stadimeter.errors import DeviceClosedError, LinkLostError
 from stadimeter.sensors.protocol import Echo
 from stadimeter.simulation.world import shared_world
 
+# How many changes of level an actuator remembers.
+CHANGES_MAX = 10_000
+
 
 class SimulatedActuatorOptions(DriverOptions):
     """The table of a simulated actuator in the configuration."""
 
     steps: int | None = Field(default=None, ge=1)
     """How many levels above off the device can do; None for any. 1 makes it a switch."""
-    history: int = Field(default=10_000, ge=1)
-    """How many changes of level it remembers."""
 
     def build(self, context: DriverContext) -> SimulatedActuator:
         """Return the actuator."""
@@ -48,7 +49,7 @@ class SimulatedActuator:
     def __init__(self, options: SimulatedActuatorOptions, context: DriverContext) -> None:
         self.level = 0.0  # the level that it acts with
         # When the level changed to what, oldest first. Bounded: the oldest are forgotten.
-        self.changes: deque[LevelChange] = deque(maxlen=options.history)
+        self.changes: deque[LevelChange] = deque(maxlen=CHANGES_MAX)
         self._steps = options.steps
         self._name = context.name
         self._clock = context.clock

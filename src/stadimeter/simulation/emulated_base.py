@@ -15,7 +15,7 @@ import tty
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.clock import Clock
@@ -29,18 +29,6 @@ from stadimeter.simulation.world import World, shared_world
 
 SERVED_EVERY_S = 0.01
 _MAX_BYTES_PER_READ = 4096
-
-
-class Firmware(Protocol):
-    """A microcontroller's program, as far as its serial line shows it."""
-
-    def receive(self, data: bytes, now_s: float) -> bytes:
-        """Take bytes from the host and return the answer, both at that time."""
-        ...
-
-    def step(self, now_s: float) -> None:
-        """Live until that time."""
-        ...
 
 
 class EmulatedPort:
@@ -61,7 +49,7 @@ class EmulatedPort:
 
     def __init__(
         self,
-        firmware: Firmware,
+        firmware: EmulatedFirmware,
         clock: Clock,
         is_plugged: Callable[[], bool] = lambda: True,
         after_step: Callable[[], None] = lambda: None,

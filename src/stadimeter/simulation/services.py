@@ -7,7 +7,6 @@ from collections import deque
 from typing import ClassVar, Generic, TypeVar
 
 from msgspec import Struct
-from pydantic import Field
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.decision import first_to_go
@@ -21,12 +20,8 @@ ItemT = TypeVar("ItemT", Message, Notification)
 # How many items that must arrive wait while the other side is gone; one more pushes out what matters least.
 QUEUE_MAX = 100
 
-
-class OutboxOptions(DriverOptions):
-    """The table of a simulated messenger or notifier in the configuration."""
-
-    history: int = Field(default=1000, ge=1)
-    """How many delivered items are kept to look at."""
+# How many delivered items are kept to look at.
+SENT_MAX = 1000
 
 
 class Sent(Struct, Generic[ItemT], frozen=True, kw_only=True):
@@ -45,12 +40,11 @@ class Outbox(Generic[ItemT]):
 
     GONE: ClassVar[str]
 
-    def __init__(self, options: OutboxOptions, context: DriverContext, kind: str) -> None:
+    def __init__(self, context: DriverContext, kind: str) -> None:
         self.given_up = 0
         self._name = f"the simulated {kind} '{context.name}'"
         self._clock = context.clock
-        self._sent: deque[Sent[ItemT]] = deque(maxlen=options.history)
-        self._queue = QUEUE_MAX
+        self._sent: deque[Sent[ItemT]] = deque(maxlen=SENT_MAX)
         self._waiting: deque[tuple[float, ItemT]] = deque()
         self._is_open = False
 
@@ -100,7 +94,7 @@ class Outbox(Generic[ItemT]):
 
     def _put(self, item: ItemT) -> None:
         self._deliver()
-        last = first_to_go(item.severity for _, item in self._waiting) if len(self._waiting) >= self._queue else None
+        last = first_to_go(item.severity for _, item in self._waiting) if len(self._waiting) >= QUEUE_MAX else None
         if last is not None:
             del self._waiting[last]
             self.given_up += 1
@@ -120,12 +114,12 @@ class Outbox(Generic[ItemT]):
                 self.given_up += 1
 
 
-class SimulatedMessengerOptions(OutboxOptions):
+class SimulatedMessengerOptions(DriverOptions):
     """The table of a simulated messenger in the configuration."""
 
     def build(self, context: DriverContext) -> SimulatedMessenger:
         """Return the messenger."""
-        return SimulatedMessenger(self, context)
+        return SimulatedMessenger(context)
 
 
 class SimulatedMessenger(Outbox[Message]):
@@ -137,8 +131,8 @@ class SimulatedMessenger(Outbox[Message]):
 
     GONE = "the simulated broker is gone"
 
-    def __init__(self, options: SimulatedMessengerOptions, context: DriverContext) -> None:
-        super().__init__(options, context, "messenger")
+    def __init__(self, context: DriverContext) -> None:
+        super().__init__(context, "messenger")
         self.dropped = 0  # how many messages of QoS 0 were lost for want of a broker
         self._world = shared_world(context)
 
@@ -164,12 +158,12 @@ class SimulatedMessenger(Outbox[Message]):
 # A notifier without a service: it keeps what was sent ---------------------------------------------
 
 
-class SimulatedNotifierOptions(OutboxOptions):
+class SimulatedNotifierOptions(DriverOptions):
     """The table of a simulated notifier in the configuration."""
 
     def build(self, context: DriverContext) -> SimulatedNotifier:
         """Return the notifier."""
-        return SimulatedNotifier(self, context)
+        return SimulatedNotifier(context)
 
 
 class SimulatedNotifier(Outbox[Notification]):
@@ -181,8 +175,8 @@ class SimulatedNotifier(Outbox[Notification]):
 
     GONE = "the simulated service is gone"
 
-    def __init__(self, options: SimulatedNotifierOptions, context: DriverContext) -> None:
-        super().__init__(options, context, "notifier")
+    def __init__(self, context: DriverContext) -> None:
+        super().__init__(context, "notifier")
         self.is_gone = False
 
     def is_away(self) -> bool:

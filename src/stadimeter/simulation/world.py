@@ -250,18 +250,8 @@ class Faults(Struct):
     broker_gone: bool = False  # the message broker does not answer
 
 
-KNOBS = {
-    FaultKind.HIDE_TARGET: "target_hidden",
-    FaultKind.FREEZE_CAMERA: "camera_frozen",
-    FaultKind.FREEZE_UNDER_CLOCK: "frozen_under_clock",
-    FaultKind.FREEZE_UNDER_NOISE: "frozen_under_noise",
-    FaultKind.BLOCK_CAMERA: "camera_blocked",
-    FaultKind.BLOCK_SECOND_CAMERA: "second_camera_blocked",
-    FaultKind.UNPLUG_BASE: "base_unplugged",
-    FaultKind.PRESS_BUMPER: "bumper_pressed",
-    FaultKind.SILENCE_SENSORS: "sensors_silent",
-    FaultKind.BROKER_GONE: "broker_gone",
-}
+# The knob of each kind, in the same order.
+KNOBS = dict(zip(FaultKind, Faults.__struct_fields__, strict=True))
 
 
 # A fault that a person makes ends by itself after this long; the next try to open a base again comes soon after.
