@@ -21,7 +21,7 @@ ItemT = TypeVar("ItemT", Message, Notification)
 QUEUE_MAX = 100
 
 # How many delivered items are kept to look at.
-SENT_MAX = 1000
+SENT_MAX = 10_000
 
 
 class Sent(Struct, Generic[ItemT], frozen=True, kw_only=True):
