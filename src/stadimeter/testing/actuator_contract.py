@@ -146,7 +146,7 @@ class ActuatorContract(OutputContract):
                 assert set(rig.outputs(3.0)) == {0.0}, after_s
 
     def test_every_level_gives_a_level_and_a_higher_one_never_a_lower(self, opened: ActuatorRig) -> None:
-        """A level applied is a level again, since `LevelCommand` refuses anything else; 0 rests, and full stays full."""
+        """A level applied is a level again: `LevelCommand` refuses anything else; 0 rests, and full stays full."""
         applied = []
         for number in range(402):
             applied.append(opened.apply(number / 401).level)
