@@ -34,7 +34,7 @@ def alone(tmp_path) -> Iterator[Served]:
 def opened(page: Any, here: Served) -> Any:
     """Open the editor; return its field, when its text has been checked."""
     page.goto(f"{here.url}/#edit")
-    page.get_by_text("2 warnings").wait_for()
+    page.get_by_text("1 warning").wait_for()
     return page.get_by_role("textbox", name="Configuration")
 
 
@@ -70,7 +70,7 @@ def test_an_error_stands_at_its_line_while_one_types_and_goes_when_it_is_mended(
         assert page.evaluate(LINE_OF_CURSOR) == line
         assert f"✕ {line}\n" in page.locator(".numbers").inner_text()
         edit(field, "1 parsec", "1 m")
-        page.get_by_text("2 warnings").wait_for()
+        page.get_by_text("1 warning").wait_for()
         assert page.locator(".strip.error").count() == 0
         assert page.locator(".meaning .words li").count() > 1
 
@@ -176,7 +176,7 @@ def test_a_former_version_is_brought_back(browser, here):
 def test_saving_works_while_there_is_no_run_and_the_page_offers_to_start_one(browser, alone):
     with tab(browser) as page:
         page.goto(f"{alone.url}/#edit")
-        page.get_by_text("2 warnings").wait_for()
+        page.get_by_text("1 warning").wait_for()
         edit(page.get_by_role("textbox", name="Configuration"), NEAR, 'when = { below = "1.3 m" }')
         save(page)
         page.get_by_role("region", name="Saved").get_by_role("button", name="Start the run").click()
