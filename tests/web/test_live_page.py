@@ -103,6 +103,7 @@ def test_an_output_is_on_only_while_the_button_is_held(browser, still):
         buzzer = page.locator(".output", has_text="buzzer")
         buzzer.locator("summary").click()
         level = "document.querySelectorAll('.output')[1].querySelector('output').textContent"
+        pressed = "document.querySelectorAll('.output')[1].querySelector('.hold').getAttribute('aria-pressed')"
         button = buzzer.get_by_role("button", name="Hold to test")
         button.hover()
         page.mouse.down()
@@ -112,7 +113,10 @@ def test_an_output_is_on_only_while_the_button_is_held(browser, still):
         until(page, f"{level} === '0 %'")
         button.focus()
         page.keyboard.down(" ")
-        until(page, f"{level} === '50 %'")
+        # A busy computer answers too late to hold an output: the page says so, and a person presses again.
+        while until(page, f"{level} === '50 %' ? 'on' : {pressed} === 'false' && 'too slow'") == "too slow":
+            page.keyboard.up(" ")
+            page.keyboard.down(" ")
         page.evaluate("window.dispatchEvent(new Event('blur'))")
         until(page, f"{level} === '0 %'")
         assert button.get_attribute("aria-pressed") == "false"
