@@ -9,9 +9,12 @@ _DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Su
 
 
 def metres(value_m: float, sigma_m: float) -> str:
-    """Return a distance such as ``2.43 m ± 0.04``, to the centimetre, or to the millimetre if it is that sure."""
+    """Return a distance such as ``2.43 m ± 0.04``, to the centimetre, or to the millimetre if it is that sure.
+
+    What is surer than a millimetre is said to be within one: ``± 0.000`` would claim that there is no error at all.
+    """
     digits = 2 if sigma_m >= 0.01 else 3
-    return f"{value_m:.{digits}f} m ± {sigma_m:.{digits}f}"
+    return f"{value_m:.{digits}f} m ± {max(sigma_m, 0.001):.{digits}f}"
 
 
 # Units in which small figures are given, and how many of them are one of the SI unit.
