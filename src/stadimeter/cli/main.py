@@ -44,6 +44,7 @@ PANELS: Mapping[str, Mapping[str, str]] = {
     },
     "Rules": {
         "check": "Check a configuration: print every error in one pass, or say in words what it does.",
+        "drive": "Turn each wheel of a robot a little, to learn which motor drives it, and which way.",
         "wiring": "Draw what hangs on which pin of the Raspberry Pi, from a configuration.",
         "test": "Run the tests of a configuration. Nothing is opened and nothing moves.",
         "explain": "Explain why a rule acts, or why it does not.",
