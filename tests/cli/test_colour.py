@@ -66,6 +66,13 @@ def test_a_ball_is_measured_with_the_range_that_is_proposed_for_it(green_ball: P
     assert _measured(green_ball, _range_in(told.stdout)).returncode == 0
 
 
+def test_a_folder_of_pictures_is_left_as_it_is_unless_copies_are_asked_for(green_ball: Path) -> None:
+    told = typed("colour", green_ball, "--json")
+    assert told.returncode == 0
+    assert json.loads(told.stdout)["pictures"][0]["copy"] is None
+    assert [each.name for each in green_ball.parent.iterdir()] == [green_ball.name]
+
+
 def test_of_two_balls_the_one_that_is_pointed_at_gives_the_range(tmp_path: Path) -> None:
     two = _picture(tmp_path / "two.png", ((150, 200), 40, GREEN), ((450, 240), 30, ORANGE))
     told = typed("colour", two, "--at", "455,238", "--annotate", tmp_path)

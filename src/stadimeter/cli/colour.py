@@ -46,8 +46,8 @@ def colour(
     ] = None,
     live: LiveOption = None,
     copies: Annotated[
-        Path, typer.Option("--annotate", metavar="DIR", help="Folder for the pictures that show the range.")
-    ] = Path(),
+        Path | None, typer.Option("--annotate", metavar="DIR", help="Folder for copies that show the range.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Find out the range of colours of a ball, from a picture and a place in it.
@@ -57,12 +57,12 @@ def colour(
     range, and so do several pictures in several lights.
 
     Prints the line `hsv = "…"` for the ball's table in a configuration; what else in the picture has that colour; and
-    how many hues there are to the next thing. Writes a copy of each picture as NAME-colour.png, in which what has the
-    colour stands out.
+    how many hues there are to the next thing. With --annotate, writes a copy of each picture into that folder as
+    NAME-colour.png, in which what has the colour stands out.
 
     With --json, one object: hsv, hue_margin (null where no other thing has a hue near it), and pictures, a list of
-    objects with file, copy, status (found, truncated or not_found), is_where_pointed, centre_px, width_px, reason, and
-    others, each with centre_px and size_px.
+    objects with file, copy (null without --annotate), status (found, truncated or not_found), is_where_pointed,
+    centre_px, width_px, reason, and others, each with centre_px and size_px.
 
     **Examples**
 
@@ -87,11 +87,12 @@ def colour(
         if not as_json:
             _print(names, samples, proposal)
         for name, sample, view in zip(names, samples, proposal.views, strict=True):
-            write_picture(paths[name], colour_picture(sample.frame.image, view, proposal.colour))
-            if not as_json:
-                typer.echo(f"written: {paths[name]}")
+            if name in paths:
+                write_picture(paths[name], colour_picture(sample.frame.image, view, proposal.colour))
+                if not as_json:
+                    typer.echo(f"written: {paths[name]}")
         if as_json:
-            typer.echo(json.dumps(_record(paths, samples, proposal), ensure_ascii=False))
+            typer.echo(json.dumps(_record(names, paths, samples, proposal), ensure_ascii=False))
         is_found = all(map(is_where_pointed, samples, proposal.views))
         if not is_found:
             say_note(COLOURLESS)
@@ -143,16 +144,18 @@ def _print(names: Sequence[Path], samples: Sequence[ColourSample], proposal: Col
         typer.echo(f"margin: {proposal.hue_margin} more hues (of 180) at each end, then another thing has it as well")
 
 
-def _record(paths: Mapping[Path, Path], samples: Sequence[ColourSample], proposal: ColourProposal) -> dict[str, object]:
+def _record(
+    names: Sequence[Path], paths: Mapping[Path, Path], samples: Sequence[ColourSample], proposal: ColourProposal
+) -> dict[str, object]:
     """Return the object that ``--json`` prints."""
     pictures = []
-    for (name, copy), sample, view in zip(paths.items(), samples, proposal.views, strict=True):
+    for name, sample, view in zip(names, samples, proposal.views, strict=True):
         found = view.detection
         is_seen = found.status is not DetectionStatus.NOT_FOUND
         pictures.append(
             {
                 "file": str(name),
-                "copy": str(copy),
+                "copy": str(paths[name]) if name in paths else None,
                 "status": found.status.value,
                 "is_where_pointed": is_where_pointed(sample, view),
                 "centre_px": found.centre_px if is_seen else None,
