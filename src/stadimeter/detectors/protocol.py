@@ -244,7 +244,6 @@ class SetupKind(Struct, frozen=True):
         thing: One of it, for sentences; empty for the name.
         group: What it is listed below; empty for nothing.
         rank: Where it stands in the list.
-        learns_size: Whether the set-up can learn its size, by steps of the camera, where that is not known.
         has_colour: Whether a range of colours is asked for behind the questions: `ProposesColour` finds it.
         driver: The detector; the set-up fills it in.
     """
@@ -255,7 +254,6 @@ class SetupKind(Struct, frozen=True):
     thing: str = ""
     group: str = ""
     rank: int = 50
-    learns_size: bool = False
     has_colour: bool = False
     driver: str = ""
 

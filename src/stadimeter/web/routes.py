@@ -249,17 +249,12 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
     _set_up("colour", "setup_operations.colour", "Fit the range of colours to clicks"),
     _set_up("camera", "setup_operations.camera", "Look at a camera that is offered, or set its exposure"),
     _set_up("world", "setup_operations.world", "Put the ball of the simulated room somewhere"),
-    _set_up("try", "setup_results.try_wishes", "Try the wish on the last minute"),
     _set_up("files", "setup_results.files", "What saving would write"),
-    _set_up(
-        "outlook", "setup_results.show_outlook", "Distance against its standard deviation, for this target and lens"
-    ),
     _set_up("take", "setup_operations.take", "Measure the focal length at a known distance", LONG_WAIT_S),
-    _set_up("board", "setup_operations.board", "Calibrate with a board", LONG_WAIT_S),
     _desk(
         "GET", "setup/picture.jpg", "setup_operations.picture",
         "The newest picture of the set-up's camera, with its values in X-Values",
-        query={"draw": "text", "width_px": "integer", "file": "text"}, media=_JPEG,
+        query={"draw": "text", "width_px": "integer"}, media=_JPEG,
     ),
     _desk("GET", "certificate", "certifying.state", "The certificate of the site, and what was measured for it"),
     _desk("GET", "certificate.pdf", "certifying.page", "The certificate as a PDF", media="application/pdf"),

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from stadimeter.app.capture import Capture, capture_for
 from stadimeter.app.clock import MonotonicClock, SteppedClock
-from stadimeter.cameras.protocol import Camera, ShowsFiles
+from stadimeter.cameras.protocol import Camera
 from stadimeter.config.driver_tables import WORLD
 from stadimeter.config.plugins import DriverChoice, DriverContext, Shared, load_driver
 from stadimeter.config.units import parse_length
@@ -163,18 +163,6 @@ def _once(choice: DriverChoice) -> DriverChoice:
     options = choice.options
     changes = {key: plain for key, plain in (("loop", False), ("dwell", 0.0)) if getattr(options, key, plain) != plain}
     return replace(choice, options=options.model_copy(update=changes)) if changes else choice
-
-
-def files_shown(choice: DriverChoice) -> tuple[Path, ...]:
-    """Return the picture files that a camera shows; nothing of one that shows something else.
-
-    Raises:
-        PictureError: One of them is not there.
-    """
-    if choice.options.needs_world:
-        return ()
-    camera = choice.options.build(DriverContext(name=choice.name, clock=SteppedClock()))
-    return tuple(camera.files()) if isinstance(camera, ShowsFiles) else ()
 
 
 @contextmanager

@@ -14,6 +14,6 @@ def ball_kinds() -> tuple[SetupKind, ...]:
     number = SetupQuestion("number", "How many are there at most?", count_of, "4", "a number, such as 4")
     several = "several balls of one colour and size, each with a distance of its own"
     return (
-        SetupKind("ball", "a ball of one colour", (size,), rank=1, learns_size=True, has_colour=True),
+        SetupKind("ball", "a ball of one colour", (size,), rank=1, has_colour=True),
         SetupKind("balls", several, (size, number), thing="ball", group=SEVERAL, rank=30, has_colour=True),
     )

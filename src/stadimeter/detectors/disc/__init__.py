@@ -123,7 +123,7 @@ class DiscOptions(DriverOptions):
         """Return the disc."""
         size = size_question("disc", lambda size: {"diameter": size}, "12 cm", "its diameter, such as 12 cm")
         meaning = "a flat disc of one brightness, such as a lid or a plate"
-        return (SetupKind("disc", meaning, (size,), rank=4, learns_size=True),)
+        return (SetupKind("disc", meaning, (size,), rank=4),)
 
     def build(self, context: DriverContext) -> DiscDetector:
         """Return the detector."""

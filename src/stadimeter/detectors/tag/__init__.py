@@ -146,7 +146,7 @@ class TagOptions(DriverOptions):
         one = "a printed AprilTag or ArUco tag (`stadimeter print tag` makes one)"
         several = "several tags of one size, each with a distance of its own"
         return (
-            SetupKind("tag", one, (size, tag), rank=3, learns_size=True),
+            SetupKind("tag", one, (size, tag), rank=3),
             SetupKind("tags", several, (size, tags), thing="tag", group=SEVERAL, rank=31),
         )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -12,18 +11,13 @@ from stadimeter.app.exact_json import plain
 from stadimeter.config.driver_tables import CAMERA
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.frame import Frame
-from stadimeter.core.measurement import Measurement
-from stadimeter.errors import ConfigError, NotThereError, PictureError, StadimeterError
+from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S, source_beside_run
-from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.saving import check_is_not_ours
-from stadimeter.workbench.setup.camera_step import CameraStep, HeldCamera, picture_names, table_of
+from stadimeter.workbench.setup.camera_step import CameraStep, HeldCamera, table_of
 from stadimeter.workbench.setup.colour_step import ColourTrial
 from stadimeter.workbench.setup.interview import ANSWERS, Interview, load_answers, was_left
 from stadimeter.workbench.setup.question import Accepted, Known, Question
-
-# The last minute of what was measured, at 30 pictures a second.
-HISTORY_FRAMES = 2000
 
 
 class SetupDesk:
@@ -32,7 +26,6 @@ class SetupDesk:
     Attributes:
         trial: The range of colours that is tried.
         shown: The picture that was shown last, which clicks are about; None before the first.
-        history: What was measured in the pictures that were shown, oldest first.
     """
 
     def __init__(self, configuration: Path, run_socket: Path | None = None) -> None:
@@ -40,7 +33,6 @@ class SetupDesk:
         self.camera = HeldCamera(partial(source_beside_run, configuration=configuration, socket=run_socket))
         self.trial = ColourTrial()
         self.shown: Frame | None = None
-        self.history: deque[Measurement] = deque(maxlen=HISTORY_FRAMES)
         self._configuration = configuration
         self._interview: Interview | None = None
         self._offered: DriverChoice | None = None
@@ -75,7 +67,6 @@ class SetupDesk:
                 for key, answer in answers.items()
             ],
             "question": _as_json(question) if question else None,
-            "pictures": list(self._pictures_now()),
             "doubt": {"notes": list(self._doubt)} if self._doubt else None,
             "trouble": self._trouble,
             "done": interview is not None and question is None,
@@ -152,25 +143,6 @@ class SetupDesk:
             self.shown = source.capture.latest(SETTLING_WAIT_S)
         return self.shown
 
-    def pictures(self) -> tuple[str, ...]:
-        """Return the files of the camera that is looked through, if it shows picture files, as answers name them."""
-        choice = self._offered or (self._interview.known.camera if self._interview else None)
-        return picture_names(self.known, choice) if choice else ()
-
-    def picture(self, name: str) -> Frame:
-        """Return one of `pictures`.
-
-        Raises:
-            StadimeterError: There is none of that name, or it cannot be read.
-        """
-        if name not in self.pictures():
-            raise NotThereError(f"{name} is none of the camera's pictures")
-        return open_picture(self.folder / name)
-
-    def remember(self, measured: Measurement) -> None:
-        """Keep what was measured, for trying rules on it."""
-        self.history.append(measured)
-
     def _moved_on(self) -> None:
         self._question, self._offered, self._doubt, self._trouble = None, None, (), ""
 
@@ -184,12 +156,6 @@ class SetupDesk:
                 if not interview.back():
                     raise
         return self._question
-
-    def _pictures_now(self) -> tuple[str, ...]:
-        try:
-            return self.pictures()
-        except PictureError:  # gone since: the question about the camera says so
-            return ()
 
     def _saved(self) -> Mapping[str, str]:
         return load_answers(self._file) if self._file.exists() else {}

@@ -8,24 +8,17 @@ with clicks or ``look``. Answers come in order, so no picture comes meanwhile.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any
 
-from msgspec.structs import replace
-
-from stadimeter.config.camera_file import save_camera_model
-from stadimeter.config.units import parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
-from stadimeter.errors import CalibrationError, ConfigError
-from stadimeter.ranging.board_calibration import coverage
-from stadimeter.workbench.calibration.board_session import Board, BoardSession, CharucoBoard, Chessboard, today
+from stadimeter.errors import ConfigError
 from stadimeter.workbench.colour_aids import NOTHING_STANDS_OUT, colour_picture
 from stadimeter.workbench.picture_metadata import better_exposure_s
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.setup_desk import SetupDesk
 from stadimeter.workbench.setup import colour_step
-from stadimeter.workbench.setup.camera_step import PLAYED_KEYS, table_of, with_settings
-from stadimeter.workbench.setup.question import BOARD_FILE
+from stadimeter.workbench.setup.camera_step import with_settings
 from stadimeter.workbench.setup.trying import (
     DRAWINGS,
     describe_picture,
@@ -34,9 +27,6 @@ from stadimeter.workbench.setup.trying import (
     look_for_target,
     target_so_far,
 )
-
-# Corners or squares along a side of a board.
-MIN_CORNERS, MAX_CORNERS = 3, 60
 
 
 def setup_of(desk: Desk) -> SetupDesk:
@@ -96,15 +86,12 @@ def leave(desk: Desk, *, camera_only: bool = False) -> Mapping[str, Any]:
 
 
 @operation
-def picture(desk: Desk, draw: str = "target", file: str = "", width_px: int = 0) -> DeskReply:
-    """Answer what the camera sees now: figures, and a JPEG that may be smaller than they are about.
-
-    With ``file``, the picture of that name among those that the camera shows.
-    """
+def picture(desk: Desk, draw: str = "target", width_px: int = 0) -> DeskReply:
+    """Answer what the camera sees now: figures, and a JPEG that may be smaller than they are about."""
     setup = setup_of(desk)
     if draw not in DRAWINGS:
         raise ConfigError(f"draw is one of {', '.join(DRAWINGS)}")
-    frame = setup.picture(file) if file else setup.newest()
+    frame = setup.newest()
     if draw == "mask" and setup.trial.colour:
         seen = colour_step.view_range(frame, setup.trial.colour)
         values = {**describe_picture(frame, seen.detection, None), "words": colour_step.describe_view(seen)}
@@ -115,23 +102,19 @@ def picture(desk: Desk, draw: str = "target", file: str = "", width_px: int = 0)
     if target is None:
         return DeskReply(data=describe_picture(frame, None, None), attached=encode_jpeg(frame.image, width_px))
     found, measured = look_for_target(setup.known, frame, target)
-    if measured is not None and not file:
-        setup.remember(replace(measured, captured_at_s=frame.captured_at_s))
     image = draw_findings(frame, found, measured, with_candidates=draw == "candidates")
     return DeskReply(data=describe_picture(frame, found, measured), attached=encode_jpeg(image, width_px))
 
 
 @operation
-def camera(
-    desk: Desk, camera: str, exposure: str = "", resolution: str = "", played: dict[str, str] | None = None
-) -> dict[str, Any]:
+def camera(desk: Desk, camera: str, exposure: str = "", resolution: str = "") -> dict[str, Any]:
     """Look through a camera that is offered; with ``exposure``, lock that at a time such as ``10 ms``.
 
-    ``resolution`` is one to ask it for, such as ``1280x720``; ``played``, how files are played. The answer to give,
-    with all of it, is in the reply; ``picture`` shows what it sees.
+    ``resolution`` is one to ask it for, such as ``1280x720``. The answer to give, with all of it, is in the reply;
+    ``picture`` shows what it sees.
     """
     setup = setup_of(desk)
-    wanted = with_settings(camera, exposure=exposure, resolution=resolution, played=played or {})
+    wanted = with_settings(camera, exposure=exposure, resolution=resolution)
     choice = setup.offer(wanted)
     frame = setup.newest()
     with setup.camera.hold(choice) as source:
@@ -141,10 +124,6 @@ def camera(
         "settings": [f"{each[0].upper()}{each[1:]}." for each in settings],
         "has_resolution": hasattr(choice.options, "width_px"),
         "has_exposure": hasattr(choice.options, "exposure"),
-        "pictures": setup.pictures(),
-        "played": {key: value for key, value in table_of(wanted).items() if key in PLAYED_KEYS}
-        if hasattr(choice.options, "loop")
-        else None,
         "is_locked": getattr(choice.options, "exposure", None) is not None,
         "proposed_exposure_s": better_exposure_s(frame.image, frame.exposure_s),
     }
@@ -199,8 +178,7 @@ def colour(
 def take(desk: Desk, distance: str, sigma: str = "", *, confirm: bool = True) -> dict[str, Any]:
     """Take frames of the target at a known distance, and say what lens follows; takes a second or more."""
     setup = setup_of(desk)
-    key = setup.interview.next_key
-    if key not in {"calibration", "proof"}:
+    if setup.interview.next_key != "calibration":
         raise ConfigError("no distance is asked for now")
     given = f"{distance} ± {sigma.strip()}" if sigma.strip() else distance
     accepted = setup.answer(given, confirm=confirm)
@@ -223,80 +201,3 @@ def world(desk: Desk, x_m: float, y_m: float = 0.0) -> Mapping[str, Any]:
         raise ConfigError("there is no simulated room before this camera; move the real thing")
     room.place(x_m, y_m)
     return room.where()
-
-
-@operation
-def board(  # noqa: PLR0913 - the keys of its request
-    desk: Desk,
-    *,
-    do: Literal["start", "look", "finish"] = "look",
-    columns: int = 0,
-    rows: int = 0,
-    square: str = "",
-    marker: str = "",
-    dictionary: str = "",
-) -> dict[str, Any]:
-    """Begin with a board (``do`` is ``start``), look at the newest picture (``look``), or take the lens (``finish``).
-
-    A board has ``columns`` and ``rows``, and ``square``, such as ``25 mm``: of a chessboard its inner corners count.
-    With ``marker`` and ``dictionary`` it is a ChArUco board, whose squares count. To look takes a tenth of a second or
-    two; after some ten views, a second.
-    """
-    if setup_of(desk).interview.next_key != "calibration":
-        raise ConfigError("no calibration is asked for now")
-    if do == "finish":
-        return _finish(desk)
-    if do == "start":
-        made = _parse_board(columns, rows, square, marker, dictionary)
-        desk.kept["board"] = BoardSession(made, date=today(), must_be_steady=True)
-    return _look(desk)
-
-
-def _parse_board(columns: int, rows: int, square: str, marker: str, dictionary: str) -> Board:
-    if not (MIN_CORNERS <= columns <= MAX_CORNERS and MIN_CORNERS <= rows <= MAX_CORNERS):
-        raise ConfigError(f"a board has {MIN_CORNERS} to {MAX_CORNERS} columns and rows, not {columns} and {rows}")
-    try:
-        square_m = parse_length(square)
-        marker_m = parse_length(marker) if marker else 0.0
-    except ValueError as error:
-        raise ConfigError(str(error)) from error
-    if not marker_m:
-        return Chessboard(columns=columns, rows=rows, square_m=square_m)
-    return CharucoBoard(columns=columns, rows=rows, square_m=square_m, marker_m=marker_m, dictionary=dictionary)
-
-
-def _session(desk: Desk) -> BoardSession:
-    session: BoardSession | None = desk.kept.get("board")
-    if session is None:
-        raise ConfigError("first say which board it is")
-    return session
-
-
-def _look(desk: Desk) -> dict[str, Any]:
-    session, frame = _session(desk), setup_of(desk).newest()
-    why_not = session.look(frame)
-    share, uncovered = coverage(session.views, frame.width_px, frame.height_px) if session.views else (0.0, ())
-    made = session.calibration
-    return {
-        "taken": not why_not,
-        "words": f"{why_not[0].upper()}{why_not[1:]}." if why_not else f"View {len(session.views)} is taken.",
-        "views": len(session.views),
-        "missing": list(session.missing()),
-        "done": session.is_done,
-        "coverage": share,
-        "uncovered": list(uncovered),
-        "corners_px": session.seen.corners_px.tolist() if session.seen is not None else [],
-        "covered_px": [view.corners_px.mean(axis=0).tolist() for view in session.views],
-        "rms_px": made.rms_px if made else None,
-        **lens_as_json(made.camera_model if made else None),
-    }
-
-
-def _finish(desk: Desk) -> dict[str, Any]:
-    setup, session = setup_of(desk), _session(desk)
-    if session.calibration is None:
-        raise CalibrationError(f"the views do not tell the lens yet; still missing: {'; '.join(session.missing())}")
-    save_camera_model(setup.known.path(BOARD_FILE), session.calibration.camera_model)
-    accepted = setup.answer(BOARD_FILE, confirm=False)
-    del desk.kept["board"]
-    return {**setup.state(), **lens_as_json(setup.known.camera_model), "notes": list(accepted.notes)}

@@ -1,4 +1,4 @@
-"""The results of the set-up: how far the camera sees, what a wish would do, the wiring, and the files of Save."""
+"""The results of the set-up: the wiring, and the files of Save."""
 
 from __future__ import annotations
 
@@ -22,13 +22,6 @@ from stadimeter.workbench.setup.files import (
     configuration_files,
 )
 from stadimeter.workbench.setup.question import CONFIGURATION, Known
-from stadimeter.workbench.setup.trying import (
-    outlook,
-    recent_observations,
-    show_decisions,
-    simulate_approach,
-)
-from stadimeter.workbench.setup.wish_steps import complete_answers
 from stadimeter.workbench.wiring import (
     circuits_picture,
     find_outputs,
@@ -36,33 +29,6 @@ from stadimeter.workbench.wiring import (
     pin_name,
     wiring_picture,
 )
-
-
-@operation
-def show_outlook(desk: Desk) -> Mapping[str, Any]:
-    """Answer how sure the distance to this target will be, near and far."""
-    return outlook(setup_of(desk).known)
-
-
-@operation
-def try_wishes(desk: Desk, answers: dict[str, str] | None = None) -> dict[str, Any]:
-    """Answer what the wishes would do, on what the camera saw lately and on a target that is made up.
-
-    ``answers`` may hold answers that are not given yet, by their keys, such as blanks that are being filled in.
-    """
-    setup = setup_of(desk)
-    tried = complete_answers(setup.known, answers or {})
-    text, files = _as_text(setup.known, tried)
-    configuration = editing.load_text(desk, text, files)
-    seen = show_decisions(configuration.plan, recent_observations(setup.history))
-    checked = editing.check(desk, text, files, tests=True)
-    return {
-        "words": checked["words"],
-        "problems": checked["problems"],
-        "tests": checked["tests"],
-        "seen": seen if seen["seconds"] else None,
-        "made_up": show_decisions(configuration.plan, simulate_approach(configuration, tried)),
-    }
 
 
 @operation

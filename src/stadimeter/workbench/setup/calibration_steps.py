@@ -6,7 +6,6 @@ import math
 import re
 import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,21 +19,17 @@ from stadimeter.core.camera_model import CameraModel, Provenance
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA, KnownDistance
-from stadimeter.ranging.size_from_motion import StepErrors, StepView, learn_size
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.calibration.board_session import today
 from stadimeter.workbench.calibration.live_distance import (
-    APART_MIN,
     LiveDistance,
     fit_distances,
     look_at_distance,
     remedy_words,
 )
-from stadimeter.workbench.calibration.size_by_steps import SizeSession, parse_move
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.picture_metadata import check_lens_settings
 from stadimeter.workbench.setup.question import (
-    BOARD_FILE,
     CAMERA_FILE,
     PICTURES,
     Accepted,
@@ -44,12 +39,10 @@ from stadimeter.workbench.setup.question import (
     SetupStep,
     words_of,
 )
-from stadimeter.workbench.setup.target import build_target, is_unknown, kind_of, look, target_shape, why_not_measured
+from stadimeter.workbench.setup.target import build_target, kind_of, look, target_shape, why_not_measured
 
 # The width of what a usual webcam sees.
 GUESS = "60 deg"
-
-SKIP = "skip"
 
 
 class CalibrationStep(SetupStep):
@@ -91,52 +84,6 @@ class CalibrationStep(SetupStep):
         return _from_pictures(known, pictures, pictures[0] if is_one_word else shlex.join(pictures), ())
 
 
-class ProofStep(SetupStep):
-    """A second distance, which the first must agree with."""
-
-    key = "proof"
-    names_files = True
-
-    def is_asked(self, known: Known) -> bool:
-        """Check whether the camera was calibrated with what it saw just now."""
-        answer = known.answers.get("calibration", "")
-        return known.is_live and answer.startswith(f"{PICTURES}/") and answer != BOARD_FILE
-
-    def question(self, known: Known) -> Question:
-        """Ask for a distance several times as large."""
-        name, far = kind_of(known.answers).thing, _far(known)
-        return Question(
-            text=f"Now put the {name} farther away, which proves the first distance. How far away is it?",
-            options=(Option(far, "three times as far"), Option(SKIP, "no proof")),
-            ready=far,
-            unattended=SKIP,
-            form="another distance, such as 3 m, or 3 m ± 1 cm",
-        )
-
-    def accept(self, known: Known, text: str) -> Accepted:
-        """Look at the second distance; refuse what contradicts the first."""
-        if text == SKIP:
-            return Accepted(answer=SKIP)
-        second = text
-        seen: tuple[str, ...] = ()
-        if "@" not in text:
-            _check_apart(known, text)
-            second, seen = _picture_now(known, text)
-        pictures = [known.answers["calibration"], second]
-        return _from_pictures(known, pictures, second, (*seen, "The two distances agree."))
-
-
-def _check_apart(known: Known, text: str) -> None:
-    """Refuse a second distance that is as good as the first: it proves nothing."""
-    second_m, _ = parse_distance(text)
-    first_m = _first_distance_m(known)
-    if max(first_m, second_m) < APART_MIN * min(first_m, second_m):
-        raise CalibrationError(
-            f"{second_m:.3g} m proves nothing beside {first_m:.3g} m: one must be {APART_MIN:g} times as far as the "
-            f"other, such as {_far(known)}"
-        )
-
-
 def _pictures(known: Known, text: str) -> list[str]:
     """Return the pictures of an answer; a distance may have a space before its unit, a camera's picture no folder."""
     pictures: list[str] = []
@@ -175,15 +122,6 @@ def _drawn_distances(known: Known) -> tuple[str, ...]:
     )
 
 
-def _first_distance_m(known: Known) -> float:
-    depth_m = picture_at(known.folder, known.answers["calibration"]).depth_m
-    return depth_m - target_shape(build_target(known)).limb_radius_m
-
-
-def _far(known: Known) -> str:
-    return f"{3 * _first_distance_m(known):.3g} m"
-
-
 def _options(known: Known) -> Iterator[Option]:
     """Yield answers, the most certain first: a camera file, a live picture, pictures named ``2ft.png``, and a guess."""
     if _is_usable(known, CAMERA_FILE):
@@ -214,7 +152,7 @@ def _is_named(frame: Frame) -> bool:
 def _from_file(known: Known, text: str) -> Accepted:
     model = load_camera_model(known.path(text))
     model.for_frame(known.frame)  # refuses another aspect
-    return _accept_lens(known, model, text, (), model_file="" if text == BOARD_FILE else text)
+    return _accept_lens(known, model, text, (), model_file=text)
 
 
 def _from_pictures(known: Known, pictures: list[str], answer: str, seen: tuple[str, ...]) -> Accepted:
@@ -394,94 +332,3 @@ def _check_found(known: Sequence[KnownDistance], choice: DriverChoice) -> None:
 
 def _frame_of(name: str) -> Frame:
     return open_picture(Path(name))
-
-
-# Questions for a size that is not known: pictures from places along a way of the camera, in which the target grows ----
-
-# How far a live camera is from where it began. A third place shows whether the target stood still.
-PLACES = ("0 cm", "20 cm", "40 cm")
-
-WITHOUT_DISTANCE = "a camera file, or the width of the view, such as 60 deg"
-
-KEYS = ("way", "way_2", "way_3")
-
-
-class SizelessCalibrationStep(CalibrationStep):
-    """The question of how the camera was calibrated, where the target's size is not known and so calibrates nothing."""
-
-    def is_asked(self, known: Known) -> bool:
-        """Check whether the size is not known."""
-        return is_unknown(known.answers.get("size", ""))
-
-    def question(self, known: Known) -> Question:
-        """Offer what needs no target."""
-        options = tuple(each for each in super().question(known).options if each.answer in {CAMERA_FILE, GUESS})
-        text = "How was the camera calibrated? A size that is not known calibrates nothing."
-        return Question(text=text, options=options, ready=options[0].answer, form=WITHOUT_DISTANCE)
-
-    def accept(self, known: Known, text: str) -> Accepted:
-        """Take a lens that is known without the target."""
-        if not text.endswith((".toml", "deg", "°")):
-            raise ConfigError(f"{text!r}: without a size a distance calibrates nothing; give {WITHOUT_DISTANCE}")
-        return super().accept(known, text)
-
-
-@dataclass
-class WayStep(SetupStep):
-    """A place on the way of the camera; of pictures that were taken already, all of them."""
-
-    number: int
-    kind = "way"
-    names_files = True
-
-    def __post_init__(self) -> None:
-        self.key = KEYS[self.number]
-
-    def is_asked(self, known: Known) -> bool:
-        """Check whether the size is to be learnt, or just was."""
-        is_learnt = is_unknown(known.answers.get("size", "")) or KEYS[0] in known.answers
-        return is_learnt and (known.is_live or self.number == 0)
-
-    def question(self, known: Known) -> Question:
-        """Ask for the camera at the next place."""
-        thing, ready = kind_of(known.answers).thing, PLACES[self.number]
-        grows = f"The size of the {thing} follows from how it grows as the camera comes nearer."
-        if not known.is_live:
-            form = "the first picture, and behind the others how far the camera had moved: a.jpg b.jpg@20cm c.jpg@40cm"
-            return Question(text=f"Which pictures show that? {grows}", form=form)
-        begin = f"Put the camera where it shall begin. {grows} From now on the {thing} stays where it is."
-        move = f"Now move the camera straight towards the {thing}. How far is it from where it began?"
-        return Question(text=move if self.number else begin, ready=ready, form="a length, such as 20 cm or 10 cm:right")
-
-    def accept(self, known: Known, text: str) -> Accepted:
-        """Look at the target from there, and learn its size at the last place."""
-        is_taken = not known.is_live or text.startswith(f"{PICTURES}/")
-        pictures = text if is_taken else self._take(known, text)
-        earlier = [known.answers[key] for key in KEYS[: self.number]]
-        session = SizeSession(build_target(known, size="unknown"), known.lens)
-        views = [_view(known, session, each) for word in (*earlier, pictures) for each in words_of(word)]
-        if known.is_live and self.number < len(PLACES) - 1:
-            return Accepted(answer=pictures)
-        learnt = learn_size(views, known.lens, StepErrors())
-        sizes_m = session.sizes_m(learnt)
-        tolerance_m = sizes_m.pop("tolerance")
-        (size_m,) = sizes_m.values()
-        size = f"{1000 * size_m:.4g} mm ± {1000 * tolerance_m:.2g} mm"
-        known.answers["size"] = size
-        return Accepted(answer=pictures, notes=(f"The {kind_of(known.answers).thing} measures {size}.",))
-
-    def _take(self, known: Known, text: str) -> str:
-        """Keep what the camera sees from a place, and return it as ``PICTURE@MOVE``."""
-        parse_move(text, self.key)
-        frame, _ = take_shown(known)
-        write_picture(known.path(f"{PICTURES}/{self.key}.png"), frame.image, frame.optics)
-        return f"{PICTURES}/{self.key}.png@{text.replace(' ', '')}"
-
-
-def _view(known: Known, session: SizeSession, text: str) -> StepView:
-    name, at, move = text.rpartition("@")
-    path = known.path(name if at else text)
-    looked = session.look_in_file(path, parse_move(move if at else "0 cm", str(path)))
-    if looked.view is None:
-        raise CalibrationError(f"{path}: it is not found whole: {looked.detection.reason}")
-    return looked.view

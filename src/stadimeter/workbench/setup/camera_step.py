@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import islice
@@ -24,7 +23,6 @@ from stadimeter.workbench.frame_source import (
     SETTLING_WAIT_S,
     SimulatedRoom,
     Source,
-    files_shown,
     list_cameras,
     open_source,
     take_frame,
@@ -42,9 +40,6 @@ PLAYED: Mapping[str, Mapping[str, Any]] = {
     "video": {"loop": True},
 }
 
-# The number of a folder's pictures that are shown one by one.
-PICTURES_MAX = 60
-
 # The camera in the simulated room.
 SIMULATED = "simulated"
 
@@ -54,9 +49,7 @@ MAX_FRAMES = 4
 # Later frames of a recording are ignored.
 MAX_RECORDED_FRAMES = 2000
 
-# A file or a pattern that needs no quotation marks.
 _DRIVER = re.compile(r"[a-z][\w-]*")
-_PLAIN = re.compile(r"[\w@%+=:,./*?\[\]~-]+")
 
 
 class CameraStep(SetupStep):
@@ -134,34 +127,17 @@ def _is_option(word: str) -> bool:
     return word.partition("=")[0] in PLAYED_KEYS and "=" in word
 
 
-def picture_names(known: Known, choice: DriverChoice) -> tuple[str, ...]:
-    """Return the files of a camera that shows pictures, by the names that answers have for them; else nothing.
-
-    Raises:
-        PictureError: One of them is not there.
-    """
-    return tuple(map(known.relative, files_shown(choice)[:PICTURES_MAX]))
-
-
-def with_settings(
-    text: str, *, exposure: str = "", resolution: str = "", played: Mapping[str, str] | None = None
-) -> str:
+def with_settings(text: str, *, exposure: str = "", resolution: str = "") -> str:
     """Return the answer for a camera with other settings in place of its own.
 
     Args:
         exposure: A time such as ``10 ms`` to lock it at.
         resolution: Such as ``1280x720``.
-        played: How files are played, such as ``{"loop": "no"}``.
 
     Raises:
-        ConfigError: It is no resolution, or a quotation mark is missing.
+        ConfigError: It is no resolution.
     """
-    options = {key: "".join(value.split()) for key, value in (played or {}).items() if key in PLAYED_KEYS}
-    if options and not _names_driver(text):
-        files = [
-            word if _PLAIN.fullmatch(word) else shlex.quote(word) for word in words_of(text) if not _is_option(word)
-        ]
-        return " ".join([*files, *(f"{key}={value}" for key, value in options.items())])
+    options: dict[str, str] = {}
     if resolution:
         figures = re.fullmatch(r"\s*(\d+)\s*[x×]\s*(\d+)\s*", resolution)
         if figures is None:

@@ -16,13 +16,7 @@ from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.toml_source import as_toml, read_toml
 from stadimeter.errors import ConfigError, Problem, StadimeterError, reason_of
 from stadimeter.workbench.saving import save_files
-from stadimeter.workbench.setup.calibration_steps import (
-    KEYS,
-    CalibrationStep,
-    ProofStep,
-    SizelessCalibrationStep,
-    WayStep,
-)
+from stadimeter.workbench.setup.calibration_steps import CalibrationStep
 from stadimeter.workbench.setup.camera_step import CameraStep
 from stadimeter.workbench.setup.colour_step import ColourStep
 from stadimeter.workbench.setup.files import WISHES
@@ -32,8 +26,7 @@ from stadimeter.workbench.setup.wish_steps import WishStep, base_drivers, wish_s
 
 # The questions that come first, whatever the answers; behind the first two stand those of the kind of target.
 _FIRST: tuple[SetupStep, ...] = (
-    CameraStep(), TargetStep(), ColourStep(), SizelessCalibrationStep(), CalibrationStep(), ProofStep(),
-    *map(WayStep, range(len(KEYS))), WishStep(),
+    CameraStep(), TargetStep(), ColourStep(), CalibrationStep(), WishStep(),
 )  # fmt: skip
 
 # After another answer to one of these, later answers of an earlier interview mean nothing.
@@ -157,13 +150,20 @@ def answer_keys() -> tuple[str, ...]:
     return tuple(dict.fromkeys(step.key for step in (*_FIRST, *of_kinds, *steps)))
 
 
+# Keys that were questions of `init`, and what answers them otherwise.
+LEFT = {
+    "proof": "write both distances into `calibration`, as pictures: near.jpg@1m far.jpg@3m",
+    **dict.fromkeys(("way", "way_2", "way_3"), "`stadimeter calibrate size` learns the size of a target"),
+}
+
+
 def check_keys(answers: Mapping[str, str], file: str) -> None:
     """Raise a `ConfigError` for answers to questions that do not exist."""
     known = answer_keys()
     unknown = [key for key in answers if key not in known]
     if unknown:
         raise ConfigError(
-            Problem("there is no such question", file, key=key, hint=did_you_mean_or_list(key, known))
+            Problem("there is no such question", file, key=key, hint=LEFT.get(key) or did_you_mean_or_list(key, known))
             for key in unknown
         )
 

@@ -24,9 +24,6 @@ CONFIGURATION = "stadimeter.toml"
 CAMERA_FILE = "camera.toml"
 PICTURES = "init"
 
-# The camera file of views of a board, which is no answer yet; saving makes it the one of the configuration.
-BOARD_FILE = f"{PICTURES}/board.toml"
-
 
 class Known(Struct, kw_only=True):
     """The facts known so far.

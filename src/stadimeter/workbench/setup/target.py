@@ -38,9 +38,6 @@ MIN_SIZE_M, MAX_SIZE_M = 0.005, 3.0
 # Nearer than where a target fills this share of the picture's shorter side, it is cut off sooner or later.
 WHOLE_SHARE = 0.9
 
-# What is assumed of a size that is not known yet: any other is learnt as well.
-ASSUMED_SIZE = "10 cm"
-
 
 def offered_kinds() -> dict[str, SetupKind]:
     """Return the kinds of target of every installed detector, by name, in the order of the list."""
@@ -69,14 +66,9 @@ def target_table(answers: Mapping[str, str]) -> dict[str, Any]:
     table: dict[str, Any] = {TARGET.key: kind.driver}
     for asked in kind.questions:
         if (text := answers.get(asked.key)) is not None:
-            table |= asked.keys(ASSUMED_SIZE if is_unknown(text) else text)
+            table |= asked.keys(text)
     colour = answers.get("colour", ANY_COLOUR) if kind.has_colour else ANY_COLOUR
     return table if colour == ANY_COLOUR else {**table, "hsv": colour}
-
-
-def is_unknown(size: str) -> bool:
-    """Check whether an answer says that a size is not known."""
-    return size.lower() in UNKNOWN_SIZE
 
 
 def members_of(answers: Mapping[str, str]) -> tuple[str, ...]:
@@ -230,7 +222,7 @@ class KindStep(SetupStep):
             found=(shows,) if asked.tries else (),
             options=tuple(Option(name, "a file in this folder") for name in files),
             ready=BALL if has_room else seen or (files[0] if len(files) == 1 else asked.ready),
-            form=f"{asked.form}; unknown if you do not know it" if not self.kind else asked.form,
+            form=asked.form,
             names=asked.names,
         )
 
@@ -248,9 +240,7 @@ class KindStep(SetupStep):
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Check the answer, the last one with the others; then look for the target, if nothing else says what it is."""
-        if self.key == "size" and is_unknown(text):
-            if self.of.learns_size:
-                return Accepted(answer=text, notes=("It is learnt when the camera is calibrated, by moving it.",))
+        if self.key == "size" and text.lower() in UNKNOWN_SIZE:
             raise ConfigError(
                 "it can be found out by moving the camera: answer with something of known size, such as a sheet of A4, "
                 "which calibrates the camera; then `stadimeter calibrate size` learns the size of this one"

@@ -1,7 +1,6 @@
 // The camera: those that are there, with a picture of each; the one that is chosen is shown live, with its exposure.
 
 import { button, h, replace } from "../../dom.js";
-import { thumbnails } from "./pictures.js";
 import { choices } from "./question.js";
 
 const SETTLED_MS = 500;
@@ -12,7 +11,7 @@ export function widget(step) {
   step.setup.onLeave(() => camera.leave());
   for (const [answer, view] of views) camera.look(answer, view);
   step.onAnswer((answer) => camera.soon(answer));
-  return h("div", { class: "stack" }, cards, camera.pictures, camera.exposure);
+  return h("div", { class: "stack" }, cards, camera.exposure);
 }
 
 /** A card for each camera that is offered; `views` has where its picture goes, by its answer. */
@@ -34,7 +33,6 @@ class Camera {
   #urls = [];
   #isOver = false;
   #isTaken = false;
-  #shown = ""; // the names of the pictures that have thumbnails
 
   constructor(step, views) {
     Object.assign(this, {
@@ -42,7 +40,6 @@ class Camera {
       views,
       api: step.api,
       exposure: h("div", { class: "stack setup-exposure", role: "status" }),
-      pictures: h("div"),
     });
   }
 
@@ -98,9 +95,7 @@ class Camera {
   }
 
   #forget() {
-    this.#shown = "";
     replace(this.exposure);
-    replace(this.pictures);
   }
 
   #inTurn(work) {
@@ -113,36 +108,11 @@ class Camera {
       this.step.set(told.answer);
       this.#isTaken = false;
     }
-    const shown = told.pictures.join("\n");
-    if (shown !== this.#shown) replace(this.pictures, shown && thumbnails(this.step.setup, told.pictures));
-    this.#shown = shown;
     replace(
       this.exposure,
-      told.played && this.#playing(told),
       [...told.remarks, ...told.settings].map((each) => h("p", { class: "small" }, each)),
       told.has_resolution && this.#resolution(told),
       told.has_exposure && this.#exposure(told),
-    );
-  }
-
-  /** How a run plays files: the server keeps it in the answer. */
-  #playing({ played }) {
-    const change = () =>
-      this.#chosen(this.step.answer, {
-        played: {
-          ...Object.fromEntries(Object.entries(inputs).map(([key, { value }]) => [key, value])),
-          loop: loop.checked ? "yes" : "no",
-        },
-      });
-    const text = (key) => h("input", { type: "text", autocomplete: "off", value: played[key], onchange: change });
-    const inputs = Object.fromEntries(["rate", "dwell"].filter((key) => key in played).map((key) => [key, text(key)]));
-    const loop = h("input", { type: "checkbox", checked: played.loop, onchange: change });
-    return h(
-      "div",
-      { class: "stack" },
-      inputs.rate && h("label", { class: "field" }, h("span", null, "Frame rate of a run"), inputs.rate),
-      inputs.dwell && h("label", { class: "field" }, h("span", null, "How long each picture is shown"), inputs.dwell),
-      h("label", { class: "row check" }, loop, "It begins again after the last, until it is ended"),
     );
   }
 

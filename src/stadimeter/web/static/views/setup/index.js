@@ -11,7 +11,6 @@ const STEPS = {
   size: () => import("./target.js"),
   colour: () => import("./colour.js"),
   calibration: () => import("./calibration.js"),
-  proof: () => import("./calibration.js"),
   wish: () => import("./wish.js"),
   blank: () => import("./wish.js"),
   output: () => import("./output.js"),

@@ -174,8 +174,6 @@ export class Picture {
 }
 
 const SHAPES = {
-  corner: "M-0.5 0H0.5M0-0.5V0.5",
-  covered: "M-2 0A2 2 0 1 0 2 0A2 2 0 1 0-2 0Z",
   click: "M-2.2 0H2.2M0-2.2V2.2",
   cross: "M-6 0H-1M1 0H6M0-6V-1M0 1V6",
   other: "M0-3 3 0 0 3-3 0Z",

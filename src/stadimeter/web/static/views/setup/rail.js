@@ -5,23 +5,21 @@ import { h } from "../../dom.js";
 const STAGES = [
   ["Camera", ["camera"]],
   ["Target", ["target", "size", "thing", "colour"]],
-  ["Calibration", ["calibration", "proof", "way"]],
+  ["Calibration", ["calibration"]],
   ["What happens", ["wish", "blank"]],
   ["Outputs", ["output", "base", "broker"]],
   ["Save", ["done"]],
 ];
-const FIRST = ["camera", "calibration", "proof", "wish"];
+const FIRST = ["camera", "calibration", "wish"];
 
 function stageOf(key) {
   const kind = FIRST.includes(key)
     ? key
-    : key.startsWith("way")
-      ? "way"
-      : key.endsWith("_output")
-        ? "output"
-        : /^(base|base_.*|broker)$/.test(key)
-          ? "base"
-          : "blank";
+    : key.endsWith("_output")
+      ? "output"
+      : /^(base|base_.*|broker)$/.test(key)
+        ? "base"
+        : "blank";
   return STAGES.findIndex(([, kinds]) => kinds.includes(kind));
 }
 
