@@ -1,4 +1,4 @@
-"""The page of a certificate, and the page in a real browser that makes one, for docs/certificate.md."""
+"""The page in a real browser that makes a certificate, for docs/site.md."""
 
 from __future__ import annotations
 
@@ -6,19 +6,15 @@ import re
 import tempfile
 from pathlib import Path
 
-from msgspec.structs import replace
 from web_pages import save
 
 from stadimeter.config.loader import load_configuration
-from stadimeter.workbench.certificate.session import SiteSession, blocks_of, pages_of
-from stadimeter.workbench.printing import svg_of
+from stadimeter.workbench.site import SiteSession
 from support.browser import chromium, served, tab
 
 HERE = Path(__file__).parent
-GUIDE = HERE.parent / "certificate.md"
+GUIDE = HERE.parent / "site.md"
 SIZE = (1120, 1040)
-DATE = "2026-03-14 10:00+01:00"
-"""Each picture would be another one every day."""
 
 
 def configuration_text() -> str:
@@ -28,30 +24,31 @@ def configuration_text() -> str:
     return str(text)
 
 
-def make_certificate_pictures(folder: Path) -> None:
-    """Write both pictures.
+def make_certificate_picture(folder: Path) -> None:
+    """Write the picture.
 
     Args:
         folder: Where to.
     """
-    with tempfile.TemporaryDirectory() as room, chromium() as browser:
-        with served(Path(room), configuration_text(), runs=False) as here, tab(browser, size=SIZE) as page:
-            page.goto(f"{here.url}/#certificate")
-            for number in range(5):
-                page.get_by_role("button", name="Measure").click()
-                page.locator(".list li").nth(number).wait_for()
-            page.get_by_role("button", name="Write the certificate").click()
-            page.get_by_text("Measured 20").wait_for()
-            session = SiteSession(load_configuration(Path(room) / "stadimeter.toml"), again=True)
-            for placed in session.certificate.placements[:2]:
-                page.get_by_label("Distance").fill(f"{placed.tape_m} m")
-                page.get_by_role("button", name="Measure").click()
-                page.get_by_text(f"{placed.tape_m:g} m: seen in").wait_for()
-            save(page, folder / "web-certificate.png")
-        made = replace(session.certificate, date=DATE)
-        blocks = blocks_of("site.toml", made, list(session.site.reliances(made)))
-        (folder / "certificate.svg").write_text(svg_of(pages_of(blocks)[0]), encoding="utf-8")
+    with (
+        tempfile.TemporaryDirectory() as room,
+        chromium() as browser,
+        served(Path(room), configuration_text(), runs=False) as here,
+        tab(browser, size=SIZE) as page,
+    ):
+        page.goto(f"{here.url}/#certificate")
+        for number in range(5):
+            page.get_by_role("button", name="Measure").click()
+            page.locator(".list li").nth(number).wait_for()
+        page.get_by_role("button", name="Write the certificate").click()
+        page.get_by_text("Measured 20").wait_for()
+        session = SiteSession(load_configuration(Path(room) / "stadimeter.toml"), again=True)
+        for placed in session.certificate.placements[:2]:
+            page.get_by_label("Distance").fill(f"{placed.tape_m} m")
+            page.get_by_role("button", name="Measure").click()
+            page.get_by_text(f"{placed.tape_m:g} m: seen in").wait_for()
+        save(page, folder / "web-certificate.png")
 
 
 if __name__ == "__main__":
-    make_certificate_pictures(HERE)
+    make_certificate_picture(HERE)

@@ -11,7 +11,7 @@ from pathlib import Path
 import camera_table
 import fleet_picture
 import floor_picture
-from certificate_pictures import make_certificate_pictures
+from certificate_pictures import make_certificate_picture
 from circles_picture import circles_picture
 from gallery import make_gallery
 from how_it_measures import make_steps
@@ -149,5 +149,5 @@ if __name__ == "__main__":
     make_mounting_picture(HERE / "mounting.jpg")
     unknown_size_picture(HERE / "how-unknown-size.jpg")
     make_pages(HERE)
-    make_certificate_pictures(HERE)
+    make_certificate_picture(HERE)
     camera_table.write()

@@ -1,4 +1,4 @@
-"""The picture of docs/mounting.md: a view that was saved, the same view turned, and the features that agree."""
+"""The picture of a view in docs/site.md: a view that was saved, the same view turned, and the features that agree."""
 
 from __future__ import annotations
 

@@ -200,7 +200,7 @@ class OperatorAction(StrEnum):
 
         **Example**
 
-        - `stadimeter mounting confirm --why "aimed at the gate on purpose"`
+        - `stadimeter site confirm --why "aimed at the gate on purpose"`
 
         **Exit code**: 0 done; 2 there is nothing to confirm, or no instance runs.
         """,

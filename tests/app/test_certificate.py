@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.certificate import Certificate, Reliance, Site, load_certificate, save_certificate
-from stadimeter.app.certificate_stamp import CERTIFICATE
 from stadimeter.app.feasibility import feasibility_warnings
+from stadimeter.app.places import CERTIFICATE
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.errors import Problem
 from stadimeter.ranging.site_fit import Placement, find_reach, fit_site
@@ -57,7 +57,7 @@ def certified(configuration: Configuration, noise_m: float = 0.002, scale: float
         fit=fit,
         reach=find_reach(placements, fit),
     )
-    save_certificate(configuration.path, made, CERTIFICATE, {})
+    save_certificate(configuration.path, made, CERTIFICATE)
     return made
 
 

@@ -18,7 +18,6 @@ from stadimeter.app.mounting import (
     load_reference,
     make_reference,
     save_reference,
-    unpack_reference,
     watch_of,
 )
 from stadimeter.config.loader import load_configuration
@@ -226,15 +225,25 @@ def test_a_damaged_file_is_refused_with_its_path_and_the_remedy(tmp_path, refere
     whole = path.read_bytes()
     for damaged in (b"", whole[: len(whole) // 2], b"\xc1" + whole, whole.replace(b"views", b"vuews")):
         path.write_bytes(damaged)
-        with pytest.raises(StateError, match=r"run\.mounting: .*stadimeter mounting save"):
+        with pytest.raises(StateError, match=r"run\.mounting: .*stadimeter site save"):
             load_reference(tmp_path / "run.toml")
     for at in range(len(whole) - sum(len(view.data) for view in reference.views)):
         with suppress(StateError):
-            unpack_reference(whole[:at] + b"\xff" + whole[at + 1 :], path)
+            path.write_bytes(whole[:at] + b"\xff" + whole[at + 1 :])
+            load_reference(tmp_path / "run.toml")
     view = msgspec.structs.replace(reference.views[0], blur_slope=math.nan)
     save_reference(tmp_path / "run.toml", msgspec.structs.replace(reference, views=[view]))
     with pytest.raises(StateError, match="damaged"):
         load_reference(tmp_path / "run.toml")
+
+
+def test_a_view_of_a_camera_on_a_robot_is_not_watched_and_that_is_said(tmp_path, reference, monkeypatch):
+    rig = Rig(tmp_path, reference)
+    loaded = load_configuration(rig.configuration)
+    monkeypatch.setattr(type(loaded), "base", object())
+    watch, why = watch_of(loaded)
+    assert watch is None
+    assert "sees another background all the time" in why
 
 
 def test_a_view_that_does_not_fit_the_camera_file_is_refused_when_it_is_saved(pictures):

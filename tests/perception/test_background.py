@@ -12,7 +12,6 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import CalibrationError
 from stadimeter.perception.mounting import (
     MIN_ROTATION_RAD,
-    ROBOT_CHECKS,
     MountingJudge,
     MountingLimits,
     keep_still,
@@ -134,30 +133,6 @@ def test_no_feature_of_a_target_is_kept(room) -> None:
 
 
 @pytest.mark.long
-def test_on_a_robot_another_place_is_no_finding_and_standing_still_counts_as_none(saved) -> None:
-    limits = MountingLimits(judges_place=False)
-    judge = MountingJudge([saved], limits)
-    looks = [look_at(WatchedRoom(seed=40 + each).pictures(NOON), LENS) for each in range(2)]
-    assert not any(judge.judge(looks[each % 2]).settled for each in range(4))
-    assert "stands where it stood" in judge.judge(looks[1]).not_judged
-
-
-@pytest.mark.long
-def test_on_a_robot_a_blur_is_found_against_what_its_first_views_were_like(saved) -> None:
-    looks = {
-        blur_px: [look_at(WatchedRoom(seed).pictures(NOON, Pose(blur_px=blur_px)), LENS) for seed in (40, 41)]
-        for blur_px in (0.0, 4.0)
-    }
-    judge = MountingJudge([saved], MountingLimits(judges_place=False))
-    judged = [judge.judge(looks[0.0][each % 2]) for each in range(2 * ROBOT_CHECKS)]
-    assert [each.has_learnt for each in judged].index(True) == ROBOT_CHECKS - 1
-    assert not any(each.settled for each in judged)
-    later = MountingJudge([*judge.views], MountingLimits(judges_place=False))  # after a restart
-    judged = [later.judge(looks[4.0][each % 2]) for each in range(ROBOT_CHECKS + 1)]
-    assert "out of focus" in judged[-1].settled["refocused"]
-
-
-@pytest.mark.long
 def test_a_view_is_learnt_as_seen_from_the_saved_place(room, saved) -> None:
     sparse = replace(saved, data=saved.features[::3].tobytes())  # too little of it is in sight to decide alone
     judge = MountingJudge([sparse], MountingLimits(rotation_rad=math.radians(1), zoom=0.002))
@@ -177,11 +152,10 @@ def test_where_enough_of_the_saved_view_is_in_sight_it_decides_alone(room, saved
 
 def test_limits_follow_what_the_configuration_states() -> None:
     sure = CameraModel.with_focal_length(500.0, 640, 480)
-    assert limits_for(sure, None, is_on_robot=False).rotation_rad == MIN_ROTATION_RAD
+    assert limits_for(sure, None).rotation_rad == MIN_ROTATION_RAD
     rough = CameraModel(
         width_px=640, height_px=480, fx_px=500.0, fy_px=500.0, cx_px=319.5, cy_px=239.5, focal_relative_sigma=0.02
     )
-    limits = limits_for(rough, math.radians(1), is_on_robot=True)
+    limits = limits_for(rough, math.radians(1))
     assert limits.zoom == 0.02
     assert limits.rotation_rad == math.radians(1)
-    assert not limits.judges_place

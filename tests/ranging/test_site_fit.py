@@ -27,7 +27,7 @@ from stadimeter.ranging.site_fit import (
     noise_at_m,
     read_placement,
 )
-from stadimeter.workbench.certificate.session import MAX_FURTHER, PROPOSED, SAME_SHARE
+from stadimeter.workbench.site import MAX_FURTHER, PROPOSED, SAME_SHARE
 
 # Sites to certify, drawn from the error model: how often the truth is within what is stated, and what is found.
 

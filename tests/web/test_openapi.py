@@ -49,7 +49,7 @@ def test_every_operator_action_is_a_path_of_the_page_a_request_of_the_run_and_a_
     for action in OperatorAction:
         assert action.command in paths
         assert action.command in ARGS
-        # as `stop-outputs --release` and `mounting confirm`
+        # as `stop-outputs --release` and `site confirm`
         assert action.command in commands or action in {OperatorAction.RELEASE_OUTPUTS, OperatorAction.CONFIRM_MOUNTING}
 
 

@@ -14,10 +14,10 @@ from statistics import NormalDist
 from msgspec import Struct
 from msgspec.structs import replace
 
-from stadimeter.app.certificate_stamp import CERTIFICATE, CONFIGURATION, FINGERPRINT, CertificateStamp, read_beside
 from stadimeter.app.detectors import build_detectors
-from stadimeter.app.exact_json import encode
-from stadimeter.config.files import sha256_of, write_all_atomically
+from stadimeter.app.exact_json import decode, encode
+from stadimeter.app.places import CERTIFICATE
+from stadimeter.config.files import JSON_MAX_BYTES, read_untrusted_text, sha256_of, write_all_atomically
 from stadimeter.config.findings import Finding
 from stadimeter.config.loader import Configuration
 from stadimeter.config.toml_lines import KeyPath
@@ -26,33 +26,38 @@ from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.evidence import probability_below
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 from stadimeter.core.words import length
-from stadimeter.errors import ConfigError, StadimeterError, reason_of
+from stadimeter.errors import ConfigError, StadimeterError, UnreadableError, reason_of
 from stadimeter.ranging.site_fit import Placement, Reach, SiteFit, noise_at_m
 
 # How far beyond what was measured a threshold may be and still count as there.
 ROUNDING_M = 0.005
 
+# How much of a SHA-256 a certificate shows.
+FINGERPRINT = 16
 
-class Certificate(CertificateStamp, frozen=True, kw_only=True):
+
+class Certificate(Struct, frozen=True, kw_only=True):
     """The findings about a site; without a fit, what has been measured so far.
 
     Attributes:
+        about: Fingerprints of the camera model, of the target's size and of the whole configuration.
         target: The name of the target in the configuration.
+        date: When, in local time.
         camera: The camera, with its serial number where that is known.
         corrected: By which share the focal length was corrected in the end; 0 for not.
         background: Whether the view was saved that tells later whether the camera was moved, in words; None where
             that was not tried.
-        view: Until that is saved, the view: a `MountingReference` as msgpack.
     """
 
+    about: dict[str, str]
     target: str
+    date: str = ""
     camera: str = ""
     placements: tuple[Placement, ...] = ()
     fit: SiteFit | None = None
     reach: Reach | None = None
     corrected: float = 0.0
     background: str | None = None
-    view: bytes = b""
 
 
 class Reliance(Struct, frozen=True, kw_only=True):
@@ -100,7 +105,7 @@ class Site:
         self.shape = self.named.detector.target_shape
         lens = encode(replace(model, provenance=Provenance())).decode()
         size = repr((self.shape.longest_m, self.shape.shortest_m))
-        texts = {"camera model": lens, "size of the target": size, CONFIGURATION: configuration.text}
+        texts = {"camera model": lens, "size of the target": size, "configuration": configuration.text}
         self.about = {what: sha256_of(text)[:FINGERPRINT] for what, text in texts.items()}
 
     def outdated(self, certificate: Certificate) -> str:
@@ -158,10 +163,16 @@ def load_certificate(configuration: Path, ending: str = CERTIFICATE) -> Certific
     Raises:
         ConfigError: It cannot be read.
     """
-    return read_beside(configuration, ending, Certificate)
+    file = configuration.with_suffix(ending)
+    try:
+        return decode(read_untrusted_text(file, JSON_MAX_BYTES), Certificate)
+    except (UnreadableError, ValueError) as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            return None
+        raise ConfigError(f"{file} cannot be read: {error}; delete it, or certify with --anew") from error
 
 
-def save_certificate(configuration: Path, made: Certificate, ending: str, pages: Mapping[str, bytes]) -> None:
+def save_certificate(configuration: Path, made: Certificate, ending: str, pages: Mapping[str, bytes] = {}) -> None:
     """Write or replace a certificate beside a configuration, and its pages by their endings, all of them or none.
 
     Raises:
@@ -195,7 +206,7 @@ def _odds(condition: DistanceCondition, band_m: float, bias_m: float, sigma_m: f
 
 def certificate_findings(configuration: Configuration) -> Iterator[Finding]:
     """Find thresholds that the site does not carry, by the certificate beside the configuration, if there is one."""
-    hint, code = "certify again with `stadimeter certify`", "certificate-outdated"
+    hint, code = "certify again with `stadimeter site certify`", "certificate-outdated"
     try:
         made = load_certificate(configuration.path)
         site = Site(configuration, made.target) if made else None

@@ -43,7 +43,9 @@ from stadimeter.perception.mounting import FEATURE, BackgroundView, MountingJudg
 # Eight views of 480 features take 240 kB.
 MAX_BYTES = 1_000_000
 
-ANEW = "save the view anew with `stadimeter mounting save`"
+ON_ROBOT = "a camera on a robot sees another background all the time"
+
+ANEW = "save the view anew with `stadimeter site save`"
 
 # A view takes more than one picture, for their noise; features that are in each of some moments stand still.
 PICTURES, MOMENTS = 4, 3
@@ -81,13 +83,12 @@ class MountingReference(Struct, frozen=True, kw_only=True):
             why = f"the saved view is of the camera {self.sensor}, and this is {sensor}"
         elif lens_figures(lens) != self.lens:
             why = "the view was saved with another camera file"
-        return f"{why}; save it anew with `stadimeter mounting save`" if why else ""
+        return f"{why}; save it anew with `stadimeter site save`" if why else ""
 
 
 def judge_by(reference: MountingReference, configuration: Configuration, lens: CameraModel) -> MountingJudge:
     """Return the judge of the views of a configuration's camera by a saved one."""
-    limits = limits_for(lens, configuration.tilt_sigma_rad, is_on_robot=configuration.base is not None)
-    return MountingJudge(list(reference.views), limits)
+    return MountingJudge(list(reference.views), limits_for(lens, configuration.tilt_sigma_rad))
 
 
 def lens_figures(lens: CameraModel) -> tuple[float, ...]:
@@ -104,8 +105,6 @@ def keep_apart(frames: list[Frame], frame: Frame) -> list[Frame]:
 
 def make_reference(frames: Sequence[Frame], lens: CameraModel, hidden: Outlines = ()) -> MountingReference:
     """Return the view that a camera has now, from a dozen pictures: some of each of a few moments.
-
-    `stadimeter mounting save` calls it, a run whose mounting is confirmed, and whatever certifies a site.
 
     Args:
         lens: The camera model, at any resolution of the same aspect.
@@ -126,19 +125,6 @@ def make_reference(frames: Sequence[Frame], lens: CameraModel, hidden: Outlines 
         lens=lens_figures(small),
         views=[view],
     )
-
-
-def seen_through(reference: MountingReference, lens: CameraModel, other: CameraModel) -> MountingReference:
-    """Return a view, saved with a lens, as with another model of that lens; as it is if it was saved with a third."""
-    before, after = (each.scaled_to(*reference.size_px) for each in (lens, other))
-    if reference.lens != lens_figures(before):
-        return reference
-    views = []
-    for view in reference.views:
-        features, focal_px = view.features.copy(), view.focal_px * after.fx_px / before.fx_px
-        features["place"] = after.directions(before.project(features["place"]))
-        views.append(replace(view, data=features.tobytes(), focal_px=focal_px))
-    return replace(reference, lens=lens_figures(after), views=views)
 
 
 def save_reference(configuration: Path, reference: MountingReference) -> Path:
@@ -170,19 +156,9 @@ def load_reference(configuration: Path) -> MountingReference | None:
 
 def _read(path: Path) -> MountingReference:
     try:
-        return unpack_reference(read_untrusted(path, MAX_BYTES), path)
+        found = msgspec.msgpack.decode(read_untrusted(path, MAX_BYTES), type=MountingReference)
     except UnreadableError as error:
         raise StateError(f"{path}: {error.reason}; {ANEW}") from error
-
-
-def unpack_reference(data: bytes, path: Path) -> MountingReference:
-    """Return a view from the bytes that a file holds.
-
-    Raises:
-        StateError: They are damaged.
-    """
-    try:
-        found = msgspec.msgpack.decode(data, type=MountingReference)
     except ValueError as error:
         raise StateError(f"{path}: it is damaged; {ANEW}") from error
     if found.v != 1 or not found.views or not all(map(_is_whole, found.views)):
@@ -243,7 +219,7 @@ class MountingWatch:
         """Return that distances are unconfirmed, in words; empty if they are not."""
         return (
             f"distances are unconfirmed, the camera is not mounted as it was saved: {self.mounting.reason}; "
-            "put it right, or `stadimeter mounting confirm`"
+            "put it right, or `stadimeter site confirm`"
             if self.mounting.is_unconfirmed
             else ""
         )
@@ -323,13 +299,15 @@ def _lower_priority() -> None:
 
 def watch_of(configuration: Configuration) -> tuple[MountingWatch | None, str]:
     """Return the watch of a run, not started, or why there is none although one is wanted."""
+    if configuration.base is not None:
+        return None, f"a view is not watched: {ON_ROBOT}; leave out mounting.watch, and delete a file .mounting"
     try:
         reference = load_reference(configuration.path)
     except StateError as error:
         return None, f"the mounting of the camera is not watched: {error}"
     lens = configuration.camera_model
     if reference is None or lens is None:
-        wanted = "no view of the camera was saved; `stadimeter mounting save` does (mounting.watch = true)"
+        wanted = "no view of the camera was saved; `stadimeter site save` does (mounting.watch = true)"
         return None, wanted if configuration.mounting.watch else ""
     return MountingWatch(configuration, lens, reference), ""
 

@@ -180,6 +180,11 @@ def runtime_directory(environ: Mapping[str, str] = os.environ) -> Path | None:
     return _first(environ.get("RUNTIME_DIRECTORY", ""))
 
 
+# The endings of what is beside a configuration whose site is certified: the certificate, and what was measured for one
+# that is not finished.
+CERTIFICATE, PLACEMENTS = ".certificate.json", ".placements.json"
+
+
 def mounting_places(configuration: Path, environ: Mapping[str, str] = os.environ) -> list[Path]:
     """Return where the saved view of a camera may be: beside the configuration, or where only that can be written."""
     beside, state = configuration.with_suffix(".mounting"), state_directory(environ)

@@ -37,8 +37,7 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "locate": "Print where the camera was when a picture was taken, by tags whose places the configuration knows.",
         "colour": "Find out the range of colours of a ball, from a picture and a place in it.",
         "calibrate": "Find out a camera's focal length, write its camera file, and check it; or how large a thing is.",
-        "mounting": "Save the view of a fixed camera, and see whether the camera is still where it was.",
-        "certify": "Certify how right distances are at this place, in this light, and which thresholds that carries.",
+        "site": "Certify how right distances are at this place, and see whether the camera is still where it was.",
         "models": "Say what the file of a neural network is, and fetch one that finds faces.",
         "print": "Make tags, boards and discs to print, at true scale.",
     },
@@ -99,6 +98,8 @@ def place_of(name: str) -> tuple[str, str]:
 
 # What was a command once, and what to do in its place.
 GONE = {
+    "certify": "`stadimeter site certify` does it",
+    "mounting": "`stadimeter site save`, `site check` and `site confirm` do it",
     "bench": "`stadimeter doctor` says how fast this board is; `make board`, in a checkout, measures it as a whole",
     "prove": "docs/safety.md has what was proven of each base; `make prove`, in a checkout, proves a configuration",
 }

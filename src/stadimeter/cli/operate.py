@@ -13,11 +13,10 @@ from typing import Annotated, Any
 
 import typer
 
-from stadimeter.app.certificate_stamp import certificate_status
 from stadimeter.app.control.client import ANSWER_WAIT_S, Instance, ask, describe_reload, find, introduce
-from stadimeter.app.places import running
+from stadimeter.app.places import CERTIFICATE, running
 from stadimeter.cli.exits import plain_errors, read_option
-from stadimeter.config.files import CONFIGURATION_MAX_BYTES, read_untrusted_text, sha256_of
+from stadimeter.config.files import CONFIGURATION_MAX_BYTES, JSON_MAX_BYTES, is_file, read_untrusted_text, sha256_of
 from stadimeter.config.units import parse_duration
 from stadimeter.core.words import rounded_duration
 from stadimeter.errors import ConfigError, ControlError, Problem, UnreadableError
@@ -192,10 +191,26 @@ def status(config: ConfigOption = None, socket: SocketOption = None, as_json: Js
     with plain_errors():
         data, who_answers = ask_and_introduce("status", {}, config, socket)
     instance = data["instance"]
-    certificate = certificate_status(Path(instance["configuration"]), instance["digest"])
+    certificate = _certified(Path(instance["configuration"]), instance["digest"])
     certified = (certificate["words"],) if certificate is not None else ()
     words = "\n".join((who_answers, *certified, *_lines(data)))
     print_answer({**data, "certificate": certificate}, words, as_json=as_json)
+
+
+def _certified(configuration: Path, digest: str) -> dict[str, Any] | None:
+    """Describe the certificate of a site for the SHA-256 of a run's configuration; None if there is none."""
+    file = configuration.with_suffix(CERTIFICATE)
+    if not is_file(file):
+        return None
+    try:
+        made = json.loads(read_untrusted_text(file, JSON_MAX_BYTES))
+        date, stamp = str(made["date"]), str(made["about"]["configuration"])
+    except (UnreadableError, ValueError, LookupError, TypeError) as error:
+        return {"date": "", "is_unchanged": False, "words": f"{file} cannot be read: {error}; delete it"}
+    is_unchanged = bool(stamp) and digest.startswith(stamp)
+    changed = "is the same since" if is_unchanged else "changed since: `stadimeter check` says whether it still counts"
+    words = f"certified on {date}; the configuration {changed}"
+    return {"date": date, "is_unchanged": is_unchanged, "words": words}
 
 
 def _rule(rule: str | None, *, every: bool) -> str:

@@ -13,15 +13,12 @@ refocused           a variance of the blur that differs by more than its      2
 unrecognised        features enough, and none of any view are among them      3
 (not judged)        too dark, too few features, or too large a σ              never a finding
 ==================  ========================================================  =====================================
-
-A camera on a robot sees another background all the time. Only focus is judged, from the median of many views, and none
-counts that shows nearly the same as the one before: a robot that stands before a wall.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -285,11 +282,6 @@ ALONE_SHARE = 0.25
 
 CHECKS_IN_A_ROW = {"moved": 2, "zoomed": 2, "refocused": 2, "unrecognised": 3}
 
-# What a robot sees makes the sharpness of a view differ as much as 0.46 px² of blur do, by the standard deviation of 70
-# rendered rooms: the median of an hour's views counts, against that of the first ones. It differs by 0.3 px² from hour
-# to hour, as the light does: only a blur of more, such as a disc of 4 px, stands out from that.
-ROBOT_CHECKS, ROBOT_BLUR_PX2 = 60, 0.5
-
 # A view is learnt when fewer features than this share of those in sight agree with any that is known, and not again
 # for half an hour: at night a third of the features are new in each picture.
 LEARN_BELOW, LEARN_APART_CHECKS = 0.35, 30
@@ -300,15 +292,10 @@ DARKENED_CHECKS = 24 * 60
 
 
 class MountingLimits(Struct, frozen=True, kw_only=True):
-    """By how much the mounting may be off: what the calibration states, and no less than can be measured.
-
-    Attributes:
-        judges_place: Whether the place is judged: not of a camera on a robot.
-    """
+    """By how much the mounting may be off: what the calibration states, and no less than can be measured."""
 
     rotation_rad: float = MIN_ROTATION_RAD
     zoom: float = MIN_ZOOM
-    judges_place: bool = True
 
 
 class Judgement(Struct, frozen=True, kw_only=True):
@@ -341,14 +328,12 @@ class MountingJudge(Struct):
     _in_a_row: dict[str, int] = field(default_factory=dict)
     _dark_checks: int = 0
     _checks_since_learnt: int = LEARN_APART_CHECKS
-    _last: BackgroundView | None = None
-    _sharpness: deque[float] = field(default_factory=lambda: deque(maxlen=ROBOT_CHECKS))
 
     def judge(self, view: BackgroundView) -> Judgement:
         """Take in a view; return what it says."""
         if (count := len(view.features)) >= MIN_FEATURES:
             self._dark_checks = 0
-            return self._judge_place(view) if self.limits.judges_place else self._judge_on_robot(view)
+            return self._judge_place(view)
         self._dark_checks += 1
         words = f"too dark or too plain: {count} features in sight, {MIN_FEATURES} are needed"
         found = {"darkened": f"{words}, for a day and a night"} if self._dark_checks >= DARKENED_CHECKS else {}
@@ -369,20 +354,6 @@ class MountingJudge(Struct):
         has_learnt = not found and not not_judged and self._learn(view, agreeing, best)
         return self._settle(found, not_judged=not_judged, best=best, has_learnt=has_learnt)
 
-    def _judge_on_robot(self, view: BackgroundView) -> Judgement:
-        same = None if self._last is None else view.compare(self._last)
-        if same is not None and same.motion.rotation_rad < NEAR:
-            return Judgement(not_judged="the robot stands where it stood at the last check")
-        self._last, saved = view, self.views[0]
-        self._sharpness.append(float(np.median(view.features["sharpness"])))
-        if len(self._sharpness) < ROBOT_CHECKS:
-            return self._settle({})
-        change = float(np.median(self._sharpness)) - float(np.median(saved.features["sharpness"]))
-        blur_px2 = change / saved.blur_slope
-        if is_first := len(self.views) == 1:
-            self.views.append(replace(saved, blur_px2=blur_px2))
-        return self._settle(dict(_refocused(blur_px2 - self.views[1].blur_px2, ROBOT_BLUR_PX2)), has_learnt=is_first)
-
     def _settle(self, found: dict[str, str], **more: Any) -> Judgement:
         self._in_a_row = {kind: self._in_a_row.get(kind, 0) + 1 for kind in found}
         settled = {kind: found[kind] for kind, times in self._in_a_row.items() if times >= CHECKS_IN_A_ROW[kind]}
@@ -399,7 +370,9 @@ class MountingJudge(Struct):
         if abs(motion.zoom) > max(limits.zoom, SURE * motion.sigmas[3]):
             yield "zoomed", f"zoomed by {motion.zoom:+.1%}, limit {limits.zoom:.1%}: distances are off by as much"
         sigma_px2 = compared.blur_sigma_px2
-        yield from _refocused(compared.blur_px2, max(BLUR_PX2 + sigma_px2, SURE * sigma_px2))
+        if abs(compared.blur_px2) > max(BLUR_PX2 + sigma_px2, SURE * sigma_px2):
+            way = "out of focus" if compared.blur_px2 > 0 else "sharper than when it was saved"
+            yield "refocused", f"{way} (a blur of {math.sqrt(abs(compared.blur_px2)):.1f} px at 640 px across)"
 
     def _too_uncertain(self, motion: ViewMotion, share: float = SIGMA_SHARE) -> str:
         """Return why a motion decides nothing; empty if it does."""
@@ -428,7 +401,7 @@ class MountingJudge(Struct):
         return True
 
 
-def limits_for(lens: CameraModel, tilt_sigma_rad: float | None, *, is_on_robot: bool) -> MountingLimits:
+def limits_for(lens: CameraModel, tilt_sigma_rad: float | None) -> MountingLimits:
     """Return the limits for what a configuration states.
 
     Args:
@@ -437,11 +410,4 @@ def limits_for(lens: CameraModel, tilt_sigma_rad: float | None, *, is_on_robot: 
     return MountingLimits(
         rotation_rad=max(MIN_ROTATION_RAD, tilt_sigma_rad or 0.0),
         zoom=max(MIN_ZOOM, lens.focal_relative_sigma),
-        judges_place=not is_on_robot,
     )
-
-
-def _refocused(blur_px2: float, limit_px2: float) -> Iterator[tuple[str, str]]:
-    if abs(blur_px2) > limit_px2:
-        way = "out of focus" if blur_px2 > 0 else "sharper than when it was saved"
-        yield "refocused", f"{way} (a blur of {math.sqrt(abs(blur_px2)):.1f} px at 640 px across)"

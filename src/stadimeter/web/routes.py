@@ -257,7 +257,7 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         query={"draw": "text", "width_px": "integer"}, media=_JPEG,
     ),
     _desk("GET", "certificate", "certifying.state", "The certificate of the site, and what was measured for it"),
-    _desk("GET", "certificate.pdf", "certifying.page", "The certificate as a PDF", media="application/pdf"),
+    _desk("GET", "certificate.html", "certifying.page", "The certificate as a page to print", media="text/html"),
     _desk(
         "POST", "certificate/take", "certifying.take", "Measure at one distance by the tape",
         body={"distance": "text", "sigma": "text"}, wait_s=LONG_WAIT_S,

@@ -12,8 +12,8 @@ from stadimeter.config.files import PICTURE_MAX_BYTES, read_untrusted
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.units import parse_length
 from stadimeter.errors import ConfigError, NotThereError, UnreadableError
-from stadimeter.workbench.certificate.session import MORE, PDF, SiteSession, describe_placement, summary_of
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
+from stadimeter.workbench.site import HTML, MORE, SiteSession, describe_placement, describe_reliance, summary_of
 
 
 @operation
@@ -34,7 +34,7 @@ def state(desk: Desk) -> dict[str, Any]:
             "outdated": session.site.outdated(made),
             "words": list(summary_of(made)),
             "can_correct": made.fit is not None and made.fit.has_wrong_scale,
-            "rules": [{"words": each.words, "trouble": each.trouble} for each in session.site.reliances(made)],
+            "rules": [describe_reliance(each) for each in session.site.reliances(made)],
         }
         if made
         else None,
@@ -61,8 +61,8 @@ def finish(desk: Desk, *, correct: bool = False) -> dict[str, Any]:
 
 @operation
 def page(desk: Desk) -> DeskReply:
-    """Answer the certificate as a PDF, as it was written."""
+    """Answer the page of the certificate, as it was written."""
     try:
-        return DeskReply(attached=read_untrusted(desk.configuration.with_suffix(PDF), PICTURE_MAX_BYTES))
+        return DeskReply(attached=read_untrusted(desk.configuration.with_suffix(HTML), PICTURE_MAX_BYTES))
     except UnreadableError as error:
         raise NotThereError(f"there is no certificate of this site to show: {error}") from error

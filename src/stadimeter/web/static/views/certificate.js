@@ -54,9 +54,9 @@ const drawCertificate = ({ date, outdated, words, rules, can_correct }, correct)
     h("h2", null, `Measured ${date}`),
     outdated && h("p", { class: "banner is-warning" }, `Out of date: ${outdated}.`),
     words.map((each) => h("p", null, each)),
-    list(rules.map((each) => `${each.words}: ${each.trouble || "carried"}`)),
+    list(rules),
     row(
-      h("a", { href: "/api/v1/certificate.pdf", target: "_blank", class: "button" }, "As a PDF"),
+      h("a", { href: "/api/v1/certificate.html", target: "_blank", class: "button" }, "To print"),
       can_correct && correct,
     ),
   );

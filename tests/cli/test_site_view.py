@@ -1,4 +1,4 @@
-"""`stadimeter mounting`: saving a view, comparing with it, and a run that watches it."""
+"""`stadimeter site`: saving a view, comparing with it, and a run that watches it."""
 
 from __future__ import annotations
 
@@ -55,29 +55,29 @@ def write(shots: Path, pose: Pose) -> None:
 
 @pytest.mark.long
 def test_a_view_is_saved_beside_the_configuration_and_compared_with(site) -> None:
-    saved = typed("mounting", "save", site)
+    saved = typed("site", "save", site)
     assert saved.returncode == 0, saved.stderr
     assert "run.mounting" in saved.stdout
-    same = typed("mounting", "check", site)
+    same = typed("site", "check", site)
     assert same.returncode == 0, same.stdout + same.stderr
     assert same.stdout.startswith("as saved: pan ")
     write(site.parent / "shots", Pose(pan_deg=0.5))
-    moved = typed("mounting", "check", site)
+    moved = typed("site", "check", site)
     assert moved.returncode == 1
     assert moved.stdout.startswith("not as saved (moved): pan +0.")
 
 
 @pytest.mark.long
 def test_without_a_saved_view_the_answer_names_the_command_that_saves_one(site) -> None:
-    missing = typed("mounting", "check", site)
+    missing = typed("site", "check", site)
     assert missing.returncode == 2
-    assert "stadimeter mounting save" in missing.stderr
+    assert "stadimeter site save" in missing.stderr
 
 
 def test_too_few_pictures_save_nothing(site) -> None:
     for name in ("10.png", "11.png"):
         (site.parent / "shots" / name).unlink()
-    refused = typed("mounting", "save", site)
+    refused = typed("site", "save", site)
     assert refused.returncode == 2
     assert "ends before 12 pictures" in refused.stderr
     assert not site.with_suffix(".mounting").exists()
@@ -93,7 +93,7 @@ def test_a_run_of_a_live_camera_watches_as_soon_as_a_view_was_saved(site, monkey
             return loop.parts.cycle.mounting_watch
 
     assert watched() is None
-    typed("mounting", "save", site)
+    typed("site", "save", site)
     assert watched() is not None
     assert watched(CONFIGURATION + "[mounting]\nwatch = false\n") is None
     site.with_suffix(".mounting").write_bytes(b"damaged")
@@ -102,7 +102,7 @@ def test_a_run_of_a_live_camera_watches_as_soon_as_a_view_was_saved(site, monkey
 
 @pytest.mark.long
 def test_a_run_without_a_live_camera_watches_nothing(site) -> None:
-    typed("mounting", "save", site)
+    typed("site", "save", site)
     loop = Loop(build(load_configuration(site), speed=None))
     with open_services(loop, RunOptions(no_state=True, is_unhurried=False)):
         loop.run(Limits(frames=3))
@@ -111,7 +111,7 @@ def test_a_run_without_a_live_camera_watches_nothing(site) -> None:
 
 def test_the_thread_of_a_run_judges_its_pictures(site) -> None:
     """The whole way with the real thread: pictures of a run, a check, a mark in the observation."""
-    typed("mounting", "save", site)
+    typed("site", "save", site)
     write(site.parent / "shots", Pose(pan_deg=0.5))
     loop = Loop(build(load_configuration(site), speed=None))
     watch, why = watch_of(loop.parts.configuration)

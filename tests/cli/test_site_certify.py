@@ -1,4 +1,4 @@
-"""`certify`: a simulated world without a person, pictures at taped distances, and a person before a camera."""
+"""`site certify`: a simulated world without a person, pictures at taped distances, and a person before a camera."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def site(tmp_path: Path) -> Path:
 
 
 def run(site: Path, *options: str, answers: str = "") -> Typed:
-    return typed("certify", site, *options, answers=answers)
+    return typed("site", "certify", site, *options, answers=answers)
 
 
 def given(site: Path, *names: str) -> list[str]:
@@ -92,7 +92,7 @@ def test_pictures_at_three_distances_give_a_certificate(site: Path) -> None:
     lines = result.stdout.splitlines()
     assert [line.split(":")[0] for line in lines[:3]] == ["0.6 m", "1 m", "2 m"]
     assert lines[3].startswith("Scale: distances are ")
-    assert lines[-1] == f"wrote {site.with_suffix('.certificate.json')}, and .html and .pdf beside it"
+    assert lines[-1] == f"wrote {site.with_suffix('.certificate.json')}, and .html beside it"
     made = json.loads(site.with_suffix(".certificate.json").read_text())
     assert abs(made["fit"]["scale"]) < 0.01
     checked = typed("check", site, "--elsewhere")

@@ -1,4 +1,4 @@
-"""The command ``certify``: how right distances are at this place, in this light, and which rules that carries."""
+"""The commands ``site …``: certify what a camera measures where it is, and see whether it is still where it was."""
 
 from __future__ import annotations
 
@@ -9,17 +9,81 @@ from typing import Annotated
 
 import typer
 
-from stadimeter.app.certificate_stamp import CERTIFICATE
+from stadimeter.app.places import CERTIFICATE
 from stadimeter.cli.exits import DONE, NOT_FOUND, ConfigArgument, configuration_path, plain_errors, say_note
+from stadimeter.cli.operate import confirm
 from stadimeter.cli.target_options import parse_known_length
-from stadimeter.config.loader import load_configuration
+from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import split_spread
 from stadimeter.errors import CalibrationError, ConfigError
-from stadimeter.workbench.certificate.session import MORE, WATCH_S, SiteSession, describe_placement, summary_of
+from stadimeter.workbench.site import (
+    MORE,
+    WATCH_S,
+    SiteSession,
+    check_view,
+    describe_placement,
+    describe_reliance,
+    save_view,
+    summary_of,
+)
 
 SKIP = "skip"
 
+site = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
 
+
+@site.callback()
+def _site() -> None:
+    """Certify how right distances are at this place, and see whether the camera is still where it was."""
+
+
+@site.command()
+def save(config: ConfigArgument = None) -> None:
+    """Save the view that a fixed camera has now, as that of its mounting; `site certify` does it too.
+
+    Takes a dozen pictures, through the run if one has the camera, and keeps a few hundred features of what stands
+    still: where each is and how it looks in 256 bits. No picture is kept. The file stands beside the configuration,
+    with the ending `.mounting`. A run compares with it once a minute, from its next start on.
+
+    **Example**
+
+    - `stadimeter site save appliance.toml`
+
+    **Exit code**: 0 saved; 2 the view has too little to go by, such as a white wall, or the camera gives no picture.
+    """
+    with plain_errors():
+        path, reference = save_view(_loaded(config))
+        typer.echo(f"{path}: {len(reference.views[0].features)} features that stand still")
+
+
+@site.command()
+def check(config: ConfigArgument = None) -> None:
+    """Compare the view that the camera has now with the saved one, once.
+
+    Prints the turn (pan to the right, tilt up, roll with the right side down), the zoom and the blur, each with its
+    standard deviation. A run wants two such findings in a row before it says anything.
+
+    **Example**
+
+    - `stadimeter site check appliance.toml`
+
+    **Exit code**: 0 as saved; 1 not so, or it cannot be judged; 2 no view was saved, or the camera gives no picture.
+    """
+    with plain_errors():
+        found = check_view(_loaded(config))
+        words = f"not as saved ({', '.join(found.found)})" if found.found else found.not_judged or "as saved"
+        typer.echo(f"{words}: {found.best.in_words()}" if found.best is not None else words)
+    raise typer.Exit(NOT_FOUND if found.found or found.not_judged else DONE)
+
+
+site.command("confirm", help=confirm.__doc__)(confirm)
+
+
+def _loaded(config: Path | None) -> Configuration:
+    return load_configuration(configuration_path(config), with_tests=False)
+
+
+@site.command()
 def certify(
     config: ConfigArgument = None,
     *,
@@ -53,17 +117,17 @@ def certify(
     From all of them follow an error of the scale, the smallest one that would have been found, an offset, the scatter,
     the frame rate, the latency and the farthest reliable distance.
 
-    Writes CONFIG.certificate.json, .html and .pdf beside the configuration. `stadimeter check` then says which
-    threshold the site does not carry, and when the lens or the size of the target has changed since. What was measured
-    is kept after each distance; the same command goes on after an interruption.
+    Writes CONFIG.certificate.json and .html beside the configuration, and saves the view of a fixed camera.
+    `stadimeter check` then says which threshold the site does not carry, and when the lens or the size of the target
+    has changed since. What was measured is kept after each distance; the same command goes on after an interruption.
 
     Before a simulated camera the program places the target itself.
 
     **Examples**
 
-    - `stadimeter certify stadimeter.toml`
+    - `stadimeter site certify stadimeter.toml`
 
-    - `stadimeter certify stadimeter.toml --at 50cm,1m,2m --pictures near --pictures middle --pictures far`
+    - `stadimeter site certify stadimeter.toml --at 50cm,1m,2m --pictures near --pictures middle --pictures far`
 
     **Exit code**: 0 the certificate was written; 1 the target was not seen at a distance, or moved, or it was stopped;
     2 an option or a file is wrong, or the distances are too few.
@@ -76,9 +140,10 @@ def certify(
         for each in session.certificate.placements:
             say_note(f"going on; {each.tape_m:g} m was measured before {session.certificate.date}: --anew forgets it")
         is_seen = _take_all(session, distances, pictures or [], tape_m, seconds)
-        for words in summary_of(session.finish(correct=correct)):
+        made = session.finish(correct=correct)
+        for words in (*summary_of(made), *map(describe_reliance, session.site.reliances(made))):
             typer.echo(words)
-        typer.echo(f"wrote {path.with_suffix(CERTIFICATE)}, and .html and .pdf beside it")
+        typer.echo(f"wrote {path.with_suffix(CERTIFICATE)}, and .html beside it")
     raise typer.Exit(DONE if is_seen else NOT_FOUND)
 
 

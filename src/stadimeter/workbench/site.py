@@ -1,50 +1,52 @@
-"""Certifying a site: the target is put at taped distances, the camera watches it, and all of them give the certificate.
+"""The site of a camera: certified with taped distances, and its view saved and compared with what was saved.
 
-What was measured is kept after each distance, in a file beside the configuration, so that one may go on later.
+The target is put at distances of a tape, the camera watches it, and all of them give the certificate. What was measured
+is kept after each distance, in a file beside the configuration, so that one may go on later. With the certificate the
+view of a fixed camera is saved, by which a run notices that it was moved.
 """
 
 from __future__ import annotations
 
 import datetime as dt
 import math
-import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from html import escape
-from itertools import pairwise
 from pathlib import Path
 from statistics import fmean, median
-from typing import Any
 
-from msgspec import msgpack
 from msgspec.structs import replace
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.capture import Capture
 from stadimeter.app.certificate import Certificate, Reliance, Site, load_certificate, save_certificate
-from stadimeter.app.certificate_stamp import CERTIFICATE, PLACEMENTS
 from stadimeter.app.clock import MonotonicClock
+from stadimeter.app.detectors import build_detectors
 from stadimeter.app.mounting import (
+    MOMENTS,
+    ON_ROBOT,
     PICTURES,
+    MountingReference,
+    judge_by,
     keep_apart,
     load_reference,
     make_reference,
     save_reference,
-    seen_through,
-    unpack_reference,
 )
+from stadimeter.app.places import CERTIFICATE, PLACEMENTS
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.config.files import CONFIGURATION_MAX_BYTES
 from stadimeter.config.loader import Configuration, is_demonstration, load_configuration
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_driver
 from stadimeter.config.toml_source import read_toml
 from stadimeter.config.units import path_from
-from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX
+from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel
 from stadimeter.core.detection import Points
-from stadimeter.core.drawing import Drawing, Line, Shape, Text
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.words import length
-from stadimeter.errors import CalibrationError, ConfigError, EndOfFramesError, StateError
+from stadimeter.errors import CalibrationError, ConfigError, EndOfFramesError, StadimeterError, StateError
+from stadimeter.perception.mounting import Judgement, look_at
+from stadimeter.perception.perceiver import Perceiver
 from stadimeter.ranging.similar_triangles import farthest_m
 from stadimeter.ranging.site_fit import (
     RELIABLE_RATE,
@@ -68,7 +70,6 @@ from stadimeter.workbench.frame_source import (
     source_beside_run,
 )
 from stadimeter.workbench.measuring import Measuring
-from stadimeter.workbench.printing import pdf_of, svg_of, text_width_m
 
 # How many distances are proposed, from which on, and up to where if no rule says.
 PROPOSED, NEAREST_M, USUAL_FARTHEST_M = 5, 0.5, 3.0
@@ -92,9 +93,62 @@ SAME_SHARE = 0.02
 # A camera is watched for this long; a slow one until there are this many frames, a fast one for no more than that many.
 WATCH_S, MIN_FRAMES, MAX_FRAMES = 5.0, 20, 1000
 
+# The ending of the page.
+HTML = ".certificate.html"
 
-# The endings of the pages.
-HTML, PDF = ".certificate.html", ".certificate.pdf"
+
+# The view of the camera --------------------------------------------------------------------------------------------
+
+
+def save_view(configuration: Configuration) -> tuple[Path, MountingReference]:
+    """Save the view that a camera has now, as that of its mounting; return the file and what is in it.
+
+    Raises:
+        StadimeterError: The view has too little to go by, the camera gives no picture, or the file cannot be written.
+    """
+    frames, lens, targets = _look(configuration, PICTURES * MOMENTS)
+    reference = make_reference(frames, lens, targets)
+    return save_reference(configuration.path, reference), reference
+
+
+def check_view(configuration: Configuration) -> Judgement:
+    """Compare the view that a camera has now with the saved one, once.
+
+    Raises:
+        StadimeterError: No view was saved, it is of another camera, or the camera gives no picture.
+    """
+    reference = load_reference(configuration.path)
+    if reference is None:
+        raise StateError(f"{configuration.path}: no view of its camera was saved; `stadimeter site save` does")
+    frames, lens, targets = _look(configuration, PICTURES)
+    if why := reference.why_not_for(frames[0], lens):
+        raise CalibrationError(why)
+    return judge_by(reference, configuration, lens).judge(look_at([each.image for each in frames], lens, targets))
+
+
+def _look(configuration: Configuration, count: int) -> tuple[list[Frame], CameraModel, list[Points]]:
+    """Return some pictures, through the run if one has the camera, its lens for them, and the outlines of targets."""
+    if configuration.camera_model is None:
+        raise ConfigError("no camera file: say in [camera] model = which lens the camera has")
+    if configuration.base is not None:
+        raise ConfigError(f"there is no view to save: {ON_ROBOT}")
+    source, frames = source_beside_run(configuration.camera, configuration.path, None), list[Frame]()
+    try:
+        source.settle()
+        while len(frames) < count:
+            frames = keep_apart(frames, source.capture.latest(SETTLING_WAIT_S))
+    except EndOfFramesError:
+        raise CalibrationError(f"the recording ends before {count} pictures") from None
+    finally:
+        source.capture.close()
+    lens = configuration.camera_model.for_frame(frames[0])
+    named = build_detectors(configuration.targets, lens, configuration.footings)
+    detectors = {member: each.detector for each in named for member in each.members or (each.name,)}
+    detections, _ = Perceiver(detectors, lens).look(frames[0])
+    return frames, lens, [each.outline_px for each in detections if len(each.outline_px)]
+
+
+# The certificate ---------------------------------------------------------------------------------------------------
 
 
 class SiteSession:
@@ -183,12 +237,12 @@ class SiteSession:
         try:
             source.settle()
             is_timed = source.is_live and not self.is_simulated
-            placed, view = self._watch(_frames(source.capture, for_s), placed, is_timed=is_timed)
+            placed = self._watch(_frames(source.capture, for_s), placed, is_timed=is_timed)
         finally:
             source.capture.close()
         placements = sorted((*self._others(tape_m), placed), key=lambda each: each.tape_m)
-        self.certificate = replace(self.certificate, date=_now(), placements=tuple(placements), **view)
-        save_certificate(self.site.configuration.path, self.certificate, PLACEMENTS, {})
+        self.certificate = replace(self.certificate, date=_now(), placements=tuple(placements))
+        save_certificate(self.site.configuration.path, self.certificate, PLACEMENTS)
         return placed
 
     def _source(self, true_m: float, pictures: Path | None) -> Source:
@@ -206,15 +260,13 @@ class SiteSession:
     def _others(self, tape_m: float) -> list[Placement]:
         return [each for each in self.certificate.placements if abs(each.tape_m / tape_m - 1) > SAME_SHARE]
 
-    def _watch(self, frames: Iterator[Frame], placed: Placement, *, is_timed: bool) -> tuple[Placement, dict[str, Any]]:
-        """Return the placement that was measured, and what the certificate keeps of the view behind the target."""
+    def _watch(self, frames: Iterator[Frame], placed: Placement, *, is_timed: bool) -> Placement:
+        """Return the placement that was measured."""
         measuring, clock = Measuring((self.site.named,), self.site.model), MonotonicClock()
         seen: list[Measurement] = []
-        ages_s, levels, watched, newest, reason = [], [], list[Frame](), list[Frame](), ""
-        outlines: list[Points] = []
+        ages_s, levels, watched, reason = [], [], list[Frame](), ""
         for frame in frames:
-            targets = measuring.measure(frame, "").targets
-            results = [each.measurement for each in targets]
+            results = [each.measurement for each in measuring.measure(frame, "").targets]
             found = [each for each in results if each.distance_m is not None]
             # Of several tags the one that is where the tape says.
             seen += sorted(found, key=lambda each: abs((each.distance_m or 0.0) - placed.true_m))[:1]
@@ -222,8 +274,6 @@ class SiteSession:
             ages_s.append(clock.now_s() - frame.captured_at_s)
             levels.append(float(frame.image[::8, ::8].mean()))
             watched = [*watched[:1], frame]
-            newest = keep_apart(newest, frame)
-            outlines = [each.detection.outline_px for each in targets if each.detection]
         if not watched:
             raise CalibrationError(f"at {placed.tape_m:g} m there was no picture")
         first, last = watched[0], watched[-1]
@@ -241,20 +291,10 @@ class SiteSession:
             exposure_s=last.exposure_s,
             reason=reason,
         )
-        return read_placement(placed, seen, edge_px), self._view(newest, outlines)
-
-    def _view(self, newest: Sequence[Frame], outlines: Sequence[Points]) -> dict[str, Any]:
-        """Describe the view of a fixed, real camera for the certificate; of another nothing."""
-        if self.is_simulated or self.site.configuration.base is not None or len(newest) < PICTURES:
-            return {}
-        try:
-            reference = make_reference(newest, self.site.model, [each for each in outlines if len(each)])
-        except CalibrationError as error:
-            return {"view": b"", "background": f"not saved, {error}"}
-        return {"view": msgpack.encode(reference), "background": None}
+        return read_placement(placed, seen, edge_px)
 
     def finish(self, *, correct: bool = False) -> Certificate:
-        """Write the certificate and its pages from all placements, and return it.
+        """Write the certificate and its page from all placements, save the view, and return the certificate.
 
         Args:
             correct: Whether to write another focal length into the camera file, where the scale is wrong.
@@ -264,20 +304,21 @@ class SiteSession:
             ConfigError: A file cannot be written, or there is nothing to correct.
         """
         made = _fitted(self._correct(_fitted(self.certificate)) if correct else self.certificate)
-        path, background = self.site.configuration.path, made.background
-        if made.view:
-            try:
-                file = save_reference(path, unpack_reference(made.view, path.with_suffix(PLACEMENTS)))
-                background = f"saved as {file.name}"
-            except StateError as error:
-                background = f"not saved, {error}"
-        camera = _camera_name(self.site.configuration.camera)
-        made = replace(made, date=_now(), camera=camera, background=background, view=b"")
-        pages = pages_of(blocks_of(path.name, made, list(self.site.reliances(made))))
-        files = {HTML: html_of(pages, path.name).encode(errors="replace"), PDF: pdf_of(pages)}
-        save_certificate(path, made, CERTIFICATE, files)
+        path, camera = self.site.configuration.path, _camera_name(self.site.configuration.camera)
+        made = replace(made, date=_now(), camera=camera, background=self._save_view())
+        page = page_of(path.name, made, list(self.site.reliances(made)))
+        save_certificate(path, made, CERTIFICATE, {HTML: page.encode(errors="replace")})
         path.with_suffix(PLACEMENTS).unlink(missing_ok=True)
         return made
+
+    def _save_view(self) -> str | None:
+        """Save the view of a fixed, real camera; return how that went, and None for another one."""
+        if self.is_simulated or self.site.configuration.base is not None:
+            return None
+        try:
+            return f"saved as {save_view(self.site.configuration)[0].name}"
+        except StadimeterError as error:
+            return f"not saved, {error}"
 
     def _correct(self, made: Certificate) -> Certificate:
         """Write a focal length with which the scale is right, and return what was measured as if by that."""
@@ -292,13 +333,10 @@ class SiteSession:
         note = f"focal length times {times:.5f} ± {fit.scale_sigma:.5f} by the certificate of {path.name}, {_now()}"
         kept = replace(model.provenance, notes=(*model.provenance.notes, note))
         right = replace(model, fx_px=model.fx_px * times, fy_px=model.fy_px * times, uncertainty=None, provenance=kept)
-        kept_in = path.with_suffix(PLACEMENTS)
-        reference = unpack_reference(made.view, kept_in) if made.view else load_reference(path)
-        view = msgpack.encode(seen_through(reference, model, right)) if reference is not None else b""
         save_camera_model(file, replace(right, focal_relative_sigma=fit.scale_sigma))
         self.site = Site(load_configuration(path), made.target)
         placements = tuple(replace(each, read_m=each.read_m * times) for each in made.placements)
-        return replace(made, about=self.site.about, placements=placements, corrected=times - 1, view=view)
+        return replace(made, about=self.site.about, placements=placements, corrected=times - 1)
 
 
 def _fitted(certificate: Certificate) -> Certificate:
@@ -329,25 +367,6 @@ def _now() -> str:
     return dt.datetime.now().astimezone().isoformat(" ", "minutes")
 
 
-# The page of a certificate, drawn on A4: as a PDF, and as HTML with the same drawings in it ---------------------------
-
-# A paragraph, or a heading behind `HEADING`; a table, its head first; a drawing.
-Block = str | list[tuple[str, ...]] | Drawing
-
-HEADING = "# "
-
-# A4 upright, and what is left white.
-WIDTH_M, HEIGHT_M, MARGIN_M = 0.21, 0.297, 0.016
-INNER_M = WIDTH_M - 2 * MARGIN_M
-TEXT_M, HEADING_M, CELL_M, LINE = 0.0032, 0.0046, 0.0026, 1.5
-
-# The width of a digit in Helvetica, as a share of its size: sentences are narrower on average.
-DIGIT_WIDTH = 0.556
-
-# The height of a chart, the room for its figures, and by how many lines it is divided.
-CHART_M, AXES_M, TICKS = 0.05, 0.012, 6
-GREY, BLUE, RED = "#bbbbbb", "#1f5fae", "#b3261e"
-
 # Sentences of certificates.
 ALIKE = (
     "Focal length and size of the target cannot be separated by distances: each scales all of them alike. Measure the"
@@ -362,9 +381,6 @@ ODDS = (
     "False alarm: one reading begins the condition while the target is a deadband outside of the threshold. Miss: one"
     " reading does not begin it a deadband inside. A run filters readings, and its delays forgive single ones."
 )
-
-_PLACEMENTS = ("tape", "read", "bias", "scatter", "stated", "within 1, 1.96 stated", "seen", "frames/s", "latency")
-_RULES = ("rule", "one reading", "bias", "deadband", "false alarm", "miss", "carried")
 
 
 def summary_of(made: Certificate) -> Iterator[str]:
@@ -404,112 +420,81 @@ def describe_placement(each: Placement) -> str:
     if not each.is_read:
         return f"{seen}: {each.reason or 'too few to go by'}"
     off = f"{100 * (each.read_m - each.true_m):+.1f} cm off, scatter ± {100 * each.spread_m:.2f} cm"
-    return f"{seen}, {off}, stated ± {100 * each.stated_m:.1f} cm"
+    one, two = each.covered
+    stated = f"stated ± {100 * each.stated_m:.1f} cm (1, 1.96 of it hold {one:.0%}, {two:.0%})"
+    is_timed = each.rate_hz and each.latency_s
+    timed = f", {each.rate_hz:.1f} frames/s, latency {1e3 * (each.latency_s or 0.0):.0f} ms" if is_timed else ""
+    return f"{seen}, {off}, {stated}{timed}"
+
+
+def describe_reliance(each: Reliance) -> str:
+    """Say what a rule may rely on at one of its distances, in a line."""
+    odds = ""
+    if each.odds is not None:
+        odds = f", deadband {100 * each.odds[0]:.2f} cm, false alarm {each.odds[1]:.2%}, miss {each.odds[2]:.2%}"
+    one = f"one reading ± {100 * each.sigma_m:.1f} cm, {100 * each.bias_m:+.1f} cm too long{odds}"
+    return f"{each.words}: {f'not carried, {each.trouble}' if each.trouble else 'carried'}; {one}"
 
 
 def _verdict(is_significant: bool) -> str:
     return "significant" if is_significant else "not significant"
 
 
-def blocks_of(name: str, made: Certificate, reliances: Sequence[Reliance]) -> list[Block]:
-    """Return the content of the page of a certificate, which has a fit."""
+# The page of a certificate: one HTML file that needs no other, and prints on A4 ---------------------------------------
+
+
+def page_of(name: str, made: Certificate, reliances: Sequence[Reliance]) -> str:
+    """Return the page of a certificate that has a fit."""
     levels = [each.brightness for each in made.placements]
     exposed = ", ".join(sorted({f"{1e3 * each.exposure_s:.1f} ms" for each in made.placements if each.exposure_s}))
-    about = [(f"fingerprint of the {what}", text) for what, text in made.about.items()]
-    light = f"mean brightness {min(levels):.0f} to {max(levels):.0f} of 255, exposure {exposed or 'not known'}"
+    about = ", ".join(f"{what} {text}" for what, text in made.about.items())
     corrected = f"{made.corrected:+.2%}; the figures are as with it" if made.corrected else "none"
-    return [
-        f"{HEADING}Certificate of the site: {name}",
-        [("measured", made.date), ("camera", made.camera), ("target", made.target), *about, ("light", light)],
-        f"Correction of the focal length: {corrected}.",
-        f"{HEADING}Right here, in this light",
-        *summary_of(made),
-        *([_bias_chart(made.fit, [each for each in made.placements if each.is_read])] if made.fit else []),
-        f"{HEADING}Placements",
-        [_PLACEMENTS, *map(_placement_row, made.placements)],
-        f"{HEADING}What rules may rely on",
-        [_RULES, *map(_rule_row, reliances)],
-        ODDS,
-        *(f"{each.words}: {each.trouble}." for each in reliances if each.trouble),
-    ]
+    light = f"mean brightness {min(levels):.0f} to {max(levels):.0f} of 255, exposure {exposed or 'not known'}"
+    measured = f"Measured {made.date} with the camera {made.camera} and the target {made.target}; light: {light}."
+    title = escape(f"Certificate of the site: {name}")
+    return "\n".join(
+        [
+            f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><h1>{title}</h1>',
+            *_paragraphs([measured, f"Correction of the focal length: {corrected}. Fingerprints: {about}."]),
+            "<h2>Right here, in this light</h2>",
+            *_paragraphs(summary_of(made)),
+            _bias_chart(made.fit, [each for each in made.placements if each.is_read]) if made.fit else "",
+            "<h2>Placements</h2>",
+            *_paragraphs(map(describe_placement, made.placements)),
+            "<h2>What rules may rely on</h2>",
+            *_paragraphs([*map(describe_reliance, reliances), ODDS]),
+            "</html>\n",
+        ]
+    )
 
 
-def _placement_row(each: Placement) -> tuple[str, ...]:
-    tape, seen = f"{each.tape_m:.3f} m ± {1e3 * each.tape_sigma_m:.0f} mm", f"{each.found} of {each.frames}"
-    off_m, (one, two) = each.read_m - each.true_m, each.covered
-    read = (f"{each.tape_m + off_m:.3f} m", f"{100 * off_m:+.1f} cm", f"± {100 * each.spread_m:.2f} cm")
-    figures = (*read, f"± {100 * each.stated_m:.1f} cm", f"{one:.0%}, {two:.0%}") if each.is_read else ("",) * 5
-    timed = (f"{each.rate_hz:.1f}", f"{1e3 * each.latency_s:.0f} ms") if each.rate_hz and each.latency_s else ()
-    return tape, *figures, seen, *timed
+def _paragraphs(sentences: Iterable[str]) -> Iterator[str]:
+    return (f"<p>{escape(each)}</p>" for each in sentences)
 
 
-def _rule_row(each: Reliance) -> tuple[str, ...]:
-    odds = ("", "", "")
-    if each.odds is not None:
-        odds = (f"{100 * each.odds[0]:.2f} cm", f"{each.odds[1]:.2%}", f"{each.odds[2]:.2%}")
-    figures = f"± {100 * each.sigma_m:.1f} cm", f"{100 * each.bias_m:+.1f} cm"
-    return each.words, *figures, *odds, "no" if each.trouble else "yes"
-
-
-def _bias_chart(fit: SiteFit, seen: Sequence[Placement]) -> Drawing:
-    """Draw the bias with its 95 % interval over the distance, and the placements with theirs."""
+def _bias_chart(fit: SiteFit, seen: Sequence[Placement]) -> str:
+    """Draw the bias with its 95 % interval over the distance, and the placements with theirs, as SVG."""
     near_m, far_m = seen[0].true_m, seen[-1].true_m
     biases = [(at_m, *fit.bias_m(at_m)) for at_m in (near_m + (far_m - near_m) * step / 40 for step in range(41))]
-    curves = [[(at_m, 100 * (off + side * sure)) for at_m, off, sure in biases] for side in (-SIGMAS_95, 0, SIGMAS_95)]
-    halves_m = [SIGMAS_95 * math.hypot(each.read_sigma_m, each.tape_sigma_m) for each in seen]
-    offs = [(each.true_m, each.read_m - each.true_m, half_m) for each, half_m in zip(seen, halves_m, strict=True)]
-    bars = [[(at_m, 100 * (off_m - half_m)), (at_m, 100 * (off_m + half_m))] for at_m, off_m, half_m in offs]
-    ys = [0.0, *(y for curve in (*curves, *bars) for _, y in curve)]
-    low, high = min(ys), max(*ys, min(ys) + 0.1)
+    lines = [("#bbbbbb", [(near_m, 0.0), (far_m, 0.0)])]
+    lines += [
+        ("#1f5fae", [(at_m, off_m + side * sure_m) for at_m, off_m, sure_m in biases])
+        for side in (-SIGMAS_95, 0, SIGMAS_95)
+    ]
+    for each in seen:
+        off_m, half_m = each.read_m - each.true_m, SIGMAS_95 * math.hypot(each.read_sigma_m, each.tape_sigma_m)
+        lines.append(("#b3261e", [(each.true_m, off_m - half_m), (each.true_m, off_m + half_m)]))
+    ys_m = [y_m for _, line in lines for _, y_m in line]
+    low_m, high_m = min(ys_m), max(*ys_m, min(ys_m) + 0.001)
 
-    def at(x: float, y: float) -> tuple[float, float]:
-        across = AXES_M + (x - near_m) / (far_m - near_m) * (INNER_M - AXES_M - 0.01)
-        return across, CHART_M - 0.006 - (y - low) / (high - low) * (CHART_M - 0.014)
+    def at(x_m: float, y_m: float) -> str:
+        return f"{50 + 600 * (x_m - near_m) / (far_m - near_m):.1f},{20 + 150 * (high_m - y_m) / (high_m - low_m):.1f}"
 
-    shapes: list[Shape] = [Text(0.0, CELL_M, "bias in cm over the distance in m, with 95 % intervals", CELL_M)]
-    for share in (number / (TICKS - 1) for number in range(TICKS)):
-        x, y = near_m + share * (far_m - near_m), low + share * (high - low)
-        shapes.append(Line(*at(near_m, y), *at(far_m, y), 0.0001, GREY))
-        shapes.append(Text(AXES_M - 0.002, at(x, y)[1] + 0.001, f"{y:.2f}", CELL_M, "end"))
-        shapes.append(Text(at(x, y)[0], CHART_M - 0.001, f"{x:.2f}", CELL_M, "middle"))
-    for lines, colour, width_m in ((curves, BLUE, 0.0003), (bars, RED, 0.0007)):
-        pairs = (pair for line in lines for pair in pairwise(line))
-        shapes += [Line(*at(*one), *at(*two), width_m, colour) for one, two in pairs]
-    return Drawing(INNER_M, CHART_M, tuple(shapes))
-
-
-def html_of(pages: Sequence[Drawing], title: str) -> str:
-    """Return pages as one HTML file that needs no other."""
-    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>'
-    return "\n".join([head, *map(svg_of, pages), "</html>", ""])
-
-
-def pages_of(blocks: Sequence[Block]) -> list[Drawing]:
-    """Return blocks below each other on as many pages as they need."""
-    pages: list[list[Shape]] = [[]]
-    y_m = MARGIN_M
-    for part in (part for block in blocks for part in _parts(block)):
-        if y_m + part.height_m > HEIGHT_M - MARGIN_M:
-            pages.append([])
-            y_m = MARGIN_M
-        pages[-1] += part.moved(MARGIN_M, y_m)
-        y_m += part.height_m
-    return [Drawing(WIDTH_M, HEIGHT_M, tuple(shapes)) for shapes in pages]
-
-
-def _parts(block: Block) -> Iterator[Drawing]:
-    """Yield what may stand on different pages: lines of text, rows of a table, drawings."""
-    if isinstance(block, Drawing):
-        yield block
-        return
-    size_m = CELL_M
-    if isinstance(block, str):
-        size_m = HEADING_M if block.startswith(HEADING) else TEXT_M
-        characters = int(INNER_M / (DIGIT_WIDTH * size_m))
-        block = [(line,) for line in textwrap.wrap(block.removeprefix(HEADING), characters)]
-    columns = range(max(map(len, block)))
-    widths_m = [size_m + max(text_width_m(row[at], size_m) for row in block if at < len(row)) for at in columns]
-    for row in block:
-        texts = (Text(sum(widths_m[:at]), size_m, text, size_m) for at, text in enumerate(row))
-        yield Drawing(INNER_M, LINE * size_m, tuple(texts))
-    yield Drawing(INNER_M, TEXT_M / 2, ())
+    drawn = [
+        f'<polyline points="{" ".join(at(*each) for each in line)}" fill="none" stroke="{colour}"/>'
+        for colour, line in lines
+    ]
+    texts = [(0, 25, f"{100 * high_m:+.2f}"), (0, 170, f"{100 * low_m:+.2f}"), (50, 190, f"{near_m:.2f}")]
+    texts += [(620, 190, f"{far_m:.2f}"), (50, 12, "bias in cm over the distance in m, with 95 % intervals")]
+    drawn += [f'<text x="{x}" y="{y}" font-size="12">{text}</text>' for x, y, text in texts]
+    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 660 195" width="660">{"".join(drawn)}</svg>'
