@@ -19,7 +19,7 @@ WORKERS := $(shell expr 2 \* $(CORES))
 SPREAD = -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 UNIT := tests/core tests/config tests/ranging
 
-.PHONY: help demo quick test golden board prove test-long test-sample test-opencv-4.10 nightly mutants check check-javascript gate bench bench-rules bench-safety bench-stopping bench-liveness pictures wheel deb docs format format-javascript clean
+.PHONY: help demo quick test golden prove test-long test-sample test-opencv-4.10 nightly mutants check check-javascript gate bench bench-rules bench-safety bench-stopping bench-liveness pictures wheel deb docs format format-javascript clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -79,9 +79,6 @@ format: $(VENV)/.dev format-javascript ## put the code in order
 
 bench: $(VENV)/.bench ## measure accuracy and speed on rendered pictures; ARGS="--only ball --frames 60" for a part
 	PYTHONPATH=tests $(BIN)/python tests/benchmarks/run.py $(ARGS)
-
-board: $(VENV)/.dev ## measure this computer for the table of boards; ARGS="--seconds 60 --out my-board.json"
-	@PYTHONPATH=tests $(BIN)/python tests/benchmarks/board.py $(ARGS)
 
 prove: $(VENV)/.dev ## try every pair of faults for every base, for the table of docs/safety.md; ARGS="robot.toml" for one
 	@PYTHONPATH=tests $(BIN)/python -m scenario.prove $(ARGS)

@@ -1,21 +1,12 @@
-"""The benchmarks of the machinery and of a computer, and the gate, which lets noise pass and no cost that stays."""
+"""The benchmarks of the machinery, and the gate, which lets noise pass and no cost that stays."""
 
 from __future__ import annotations
 
-import getpass
 import json
-import platform
-import socket
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
-from boards_table import read_figures
-from msgspec.structs import astuple
 
 from stadimeter.config.loader import load_configuration
-from stadimeter.errors import UnreadableError
 from support.command_line import typed
 
 # The benchmark of the machinery runs, and measures what it says.
@@ -94,34 +85,6 @@ def test_every_kept_ratio_is_measured_and_more_than_nothing(gate):
     ratios = gate.measure(rounds=1)
     assert set(ratios) == set(json.loads(gate.KEPT.read_text()))
     assert all(ratio > 0.1 for ratio in ratios.values())
-
-
-# The figures of a computer, and the file in which they are sent.
-
-BOARD = Path(__file__).with_name("board.py")
-
-
-@pytest.mark.long
-def test_every_detector_finds_what_it_is_measured_on_and_the_file_can_be_sent(tmp_path: Path) -> None:
-    from board import exercises
-
-    sent = tmp_path / "board.json"
-    told = ["--seconds", "0.3", "--note", "in a drawer", "--out", str(sent)]
-    subprocess.run([sys.executable, str(BOARD), *told], check=True, timeout=300)
-    written = sent.read_text(encoding="utf-8")
-    figures = read_figures(sent)
-    assert figures.note == "in a drawer"
-    assert {(speed.detector, speed.width_px, speed.found) for speed in figures.detectors} == {
-        (name, width, 1.0) for name in exercises() for width in (640, 1280, 1920)
-    }
-    assert 0 < figures.latency.p50_ms <= figures.latency.p95_ms <= figures.latency.p99_ms
-    assert 40 < figures.run.peak_memory_mb < 4000
-    words = {word for value in astuple(figures.computer) for word in str(value).split()}
-    assert not words & {socket.gethostname(), platform.node(), getpass.getuser()}, "nobody is named"
-    for change in ({"schema_version": 1}, {"host": "kitchen"}, {"detectors": []}):
-        sent.write_text(json.dumps(json.loads(written) | change))
-        with pytest.raises(UnreadableError):
-            read_figures(sent)
 
 
 def test_the_command_that_is_gone_says_what_to_do() -> None:

@@ -6,11 +6,9 @@ import re
 import tomllib
 from pathlib import Path
 
-import boards_table
 import camera_table
 import fleet_picture
 import make_pictures
-from msgspec.structs import replace
 
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.printing import svg_of
@@ -23,20 +21,6 @@ def test_the_tables_of_cameras_are_those_that_are_computed_now():
     page = camera_table.PAGE.read_text(encoding="utf-8")
     assert page.count("<!-- table: ") == len(camera_table.TABLES)
     assert camera_table.with_tables(page) == page, "run python docs/pictures/camera_table.py"
-
-
-def test_the_tables_of_boards_are_those_of_the_files_beside_them():
-    page = boards_table.PAGE.read_text(encoding="utf-8")
-    figures = boards_table.all_figures()
-    assert page.count("<!-- table: ") == len(boards_table.TABLES)
-    assert boards_table.with_tables(page, figures) == page, "run python docs/pictures/boards_table.py"
-
-
-def test_what_somebody_writes_into_a_file_of_a_board_stays_text():
-    name, figures = next(iter(boards_table.all_figures().items()))
-    hostile = replace(figures, note="a | b <script>[x](javascript:y)\n# z")
-    row = boards_table.computers_table({name: hostile}).splitlines()[-1]
-    assert r"a \| b \<script\>\[x\](javascript:y) \# z" in row
 
 
 def test_the_drawing_of_the_example_is_that_of_its_configuration():

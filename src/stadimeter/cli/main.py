@@ -100,7 +100,7 @@ def place_of(name: str) -> tuple[str, str]:
 GONE = {
     "certify": "`stadimeter site certify` does it",
     "mounting": "`stadimeter site save`, `site check` and `site confirm` do it",
-    "bench": "`stadimeter doctor` says how fast this board is; `make board`, in a checkout, measures it as a whole",
+    "bench": "`stadimeter doctor` says how fast this board is",
     "prove": "docs/safety.md has what was proven of each base; `make prove`, in a checkout, proves a configuration",
 }
 
