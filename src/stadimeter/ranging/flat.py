@@ -186,6 +186,16 @@ class FlatShape:
     __slots__ = ()
 
     @property
+    def longest_m(self) -> float:
+        """The longest length that is known of it."""
+        raise NotImplementedError
+
+    @property
+    def shortest_m(self) -> float:
+        """The same, of a shape with one known length."""
+        return self.longest_m
+
+    @property
     def limb_radius_m(self) -> float:
         """None: the outline is the rim."""
         return 0.0
@@ -232,11 +242,6 @@ class DiscShape(FlatShape, Struct, frozen=True, kw_only=True):
 
     @property
     def longest_m(self) -> float:
-        """The diameter."""
-        return self.diameter_m
-
-    @property
-    def shortest_m(self) -> float:
         """The diameter."""
         return self.diameter_m
 
@@ -433,11 +438,6 @@ class TagShape(FlatShape, Struct, frozen=True, kw_only=True):
         """The side."""
         return self.side_m
 
-    @property
-    def shortest_m(self) -> float:
-        """The side."""
-        return self.side_m
-
     def size_sigma_px(self, size_px: float) -> float:
         """Return the standard deviation of the apparent side in a good picture."""
         return math.hypot(_SIGMA_FLOOR_PX, _SIGMA_OF_SMALL_TAG_PX2 / size_px)
@@ -536,11 +536,6 @@ class UprightShape(FlatShape, Struct, frozen=True, kw_only=True):
 
     @property
     def longest_m(self) -> float:
-        """The known length."""
-        return self.length_m
-
-    @property
-    def shortest_m(self) -> float:
         """The known length."""
         return self.length_m
 
