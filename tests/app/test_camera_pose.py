@@ -117,9 +117,9 @@ def test_a_pose_that_is_not_known_is_told_as_null_with_the_reason():
     assert payload["reason"] == "no tag"
 
 
-def test_locate_gives_json_and_goes_on_after_a_bad_picture(room):
+def test_where_a_picture_was_taken_is_json_and_goes_on_after_a_bad_picture(room):
     files = [str(room / name) for name in ("room.png", "empty.png", "missing.png")]
-    result = CliRunner().invoke(app, ["locate", *files, "--config", str(room / "room.toml"), "--json"])
+    result = CliRunner().invoke(app, ["measure", *files, "--where", "--config", str(room / "room.toml"), "--json"])
     assert result.exit_code == 2
     known, unknown = map(json.loads, result.stdout.splitlines())
     assert known["x_m"] == pytest.approx(SCENE.position_m[0], abs=0.01)
@@ -127,8 +127,10 @@ def test_locate_gives_json_and_goes_on_after_a_bad_picture(room):
     assert "missing.png" in result.stderr
 
 
-def test_locate_without_tags_says_what_to_write(room):
+def test_a_configuration_without_tags_says_what_to_write(room):
     (room / "plain.toml").write_text((room / "room.toml").read_text().partition("[landmarks]")[0])
-    result = CliRunner().invoke(app, ["locate", str(room / "room.png"), "--config", str(room / "plain.toml")])
+    result = CliRunner().invoke(
+        app, ["measure", str(room / "room.png"), "--where", "--config", str(room / "plain.toml")]
+    )
     assert result.exit_code == 2
     assert "there is no section [landmarks]" in result.stderr

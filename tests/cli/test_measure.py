@@ -287,7 +287,7 @@ def test_a_box_needs_no_target(folder: Path) -> None:
         (("--at", "0m", *SHEET), "--at: '0m' is not a length above zero"),
         (("--box", "1,2,3,4"), "add such as --at 2m"),
         (("--box", "600,2,90,4", "--at", "1m"), "reaches out of the picture"),
-        (("--box", "1,2,3,4", "--at", "1m", *SHEET), "give one of them"),
+        (("--box", "1,2,3,4", "--at", "1m", *SHEET), "leave out --sheet"),
         (
             ("--target", "ball diameter=6cm", "--target", "disc diameter=6cm", "--tolerance", "1mm"),
             "into each --target",

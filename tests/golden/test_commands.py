@@ -113,7 +113,7 @@ def test_what_the_computer_or_a_picture_has_a_part_in_is_answered_in_the_form_it
     asked: dict[str, tuple[str, ...]] = {
         "measure": ("measure", "ball.png", "--camera", "lens.toml", "--ball", "6.7cm", "--hsv", "29,86,6:64,255,255"),
         "colour": ("colour", "ball.png"),
-        "locate": ("locate", "tag.png", "--config", "place.toml"),
+        "measure --where": ("measure", "tag.png", "--where", "--config", "place.toml"),
     }
     rows = {name: _form(typed(*words, "--json").stdout) for name, words in asked.items()}
     rows["doctor"] = ", ".join(json.loads(typed("doctor", "--json").stdout))

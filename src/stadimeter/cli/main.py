@@ -34,7 +34,6 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "cameras": "List the cameras on this computer, each by the path that stays right.",
         "snapshot": "Take a picture with exactly the settings that `run` uses.",
         "measure": "Measure how far away a target is in pictures, in videos, or before a camera.",
-        "locate": "Print where the camera was when a picture was taken, by tags whose places the configuration knows.",
         "colour": "Find out the range of colours of a ball, from a picture and a place in it.",
         "calibrate": "Find out a camera's focal length, write its camera file, and check it; or how large a thing is.",
         "site": "Certify how right distances are at this place, and see whether the camera is still where it was.",
@@ -98,6 +97,7 @@ def place_of(name: str) -> tuple[str, str]:
 
 # What was a command once, and what to do in its place.
 GONE = {
+    "locate": "`stadimeter measure PICTURE --where --config CONFIG` prints where the camera was",
     "certify": "`stadimeter site certify` does it",
     "mounting": "`stadimeter site save`, `site check` and `site confirm` do it",
     "bench": "`stadimeter doctor` says how fast this board is",

@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
-
-from stadimeter.errors import ConfigError
-from stadimeter.workbench.measuring import is_video_file
-
-if TYPE_CHECKING:
-    from stadimeter.core.stereo_rig import StereoRig
 import json
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
+import typer
 from msgspec import Struct, field
 from msgspec.structs import replace
 
 from stadimeter.app.detectors import NamedDetector, build_detectors
-from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, count_items, goes_to_file, plain_errors, say_note
+from stadimeter.cli import exits
+from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, plain_errors, say_note
 from stadimeter.cli.formatting import METRE, LengthUnit, format_distance
 from stadimeter.cli.measure_output import Printer, copy_paths, marks_of
 from stadimeter.cli.target_options import (
@@ -40,20 +32,13 @@ from stadimeter.config.plugins import CAMERAS, DriverChoice, load_driver
 from stadimeter.config.units import parse_known, parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import MeasurementStatus
-from stadimeter.errors import PictureError, Problem, StadimeterError
+from stadimeter.errors import ConfigError, PictureError, Problem, StadimeterError
 from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA
 from stadimeter.ranging.measure import DrawnBox, SizeAt, box_size_at, size_at
+from stadimeter.workbench import measuring
 from stadimeter.workbench.annotation import annotate, write_picture
 from stadimeter.workbench.colour_aids import colour_notes
-from stadimeter.workbench.measuring import (
-    Measuring,
-    PictureResult,
-    TargetResult,
-    failed_results,
-    measure_picture,
-    open_picture,
-    remedy_notes,
-)
+from stadimeter.workbench.measuring import Measuring, PictureResult, TargetResult, is_video_file, open_picture
 from stadimeter.workbench.picture_metadata import profile_notes
 
 if TYPE_CHECKING:
@@ -130,10 +115,11 @@ def parse_box(text: str) -> DrawnBox:
     return DrawnBox(x_px, y_px, width_px, height_px)
 
 
-def check_box_alone(given: GivenTarget, config: Path | None) -> None:
-    """Raise a `ConfigError` where there is a target beside ``--box``."""
-    if any(value is not None and value != "auto" for value in given.values()) or config is not None:
-        raise ConfigError("--box is measured in place of a target; give one of them")
+def check_alone(option: str, given: GivenTarget, others: Mapping[str, object]) -> None:
+    """Raise a `ConfigError` where there is a target beside an option that needs none, or another option."""
+    found = [flag for flag, value in {**given, **others}.items() if value not in (None, "auto", [])]
+    if found:
+        raise ConfigError(f"{option} measures no target; leave out {found[0]}")
 
 
 def measure_boxes(
@@ -179,6 +165,49 @@ def print_size(file: str, name: str, size: SizeAt | None, at_m: float, unit: Len
         width = format_distance(size.width_m, size.width_sigma_m, unit)
         height = format_distance(size.height_m, size.height_sigma_m, unit)
         typer.echo(f"{file}  {name}  at {format_distance(at_m, None, unit)}: {width} wide, {height} high")
+
+
+# ``measure --where``: where the camera was, by tags of known places ---------------------------------------------------
+
+WhereOption = Annotated[
+    bool,
+    typer.Option(
+        "--where", help="Print where the camera was, by the tags of [landmarks] of --config, and measure no target."
+    ),
+]
+
+
+def print_places(images: Sequence[Path], config: Path | None, *, as_json: bool) -> int:
+    """Print where the camera was in each picture, and return the worst of their exit codes.
+
+    Raises:
+        ConfigError: There is no picture, or the configuration knows no places, or has no lens.
+    """
+    from stadimeter.app.bootstrap import locator_of  # noqa: PLC0415 - loads the rules; targets need none
+    from stadimeter.app.messages import pose_figures  # noqa: PLC0415
+    from stadimeter.config.loader import load_configuration  # noqa: PLC0415
+
+    if not images:
+        raise ConfigError("--where needs pictures")
+    configuration = load_configuration(exits.configuration_path(config), with_tests=False)
+    locator, lens = locator_of(configuration), configuration.camera_model
+    if locator is None or lens is None:
+        hint = "say in [landmarks] where tags are, and in [camera] model = which lens it has; see docs/places.md"
+        missing = "no section [landmarks]" if locator is None else "no camera file"
+        raise ConfigError([Problem(f"there is {missing}", file=str(configuration.path), hint=hint)])
+    code = DONE
+    for image in images:
+        try:
+            frame = open_picture(image)
+            pose = locator.locate(frame, lens.for_frame(frame))
+        except StadimeterError as error:
+            typer.echo(f"error: {error}", err=True)
+            code = WRONG
+            continue
+        figures = {"file": str(image), **pose_figures(pose)}
+        typer.echo(json.dumps(figures, ensure_ascii=False) if as_json else f"{image}: {pose.in_words()}")
+        code = max(code, DONE if pose.position_m is not None else NOT_FOUND)
+    return code
 
 
 _T = TypeVar("_T")
@@ -227,6 +256,7 @@ def measure(
     stereo: StereoOption = None,
     at: AtOption = None,
     box: BoxOption = None,
+    where: WhereOption = False,
     explain: Annotated[
         bool,
         typer.Option("--explain", help="Say how each result came about, and what was rejected and why."),
@@ -261,6 +291,13 @@ def measure(
     With --box, no target is looked for: what fills the box is measured as if it faced the camera, its edges drawn to
     within a pixel. With --json, an object with file, target, at_m, width_m, height_m, width_sigma_m, height_sigma_m.
 
+    With --where, a line for each picture says where the camera was: x, y and z in the room (z up), yaw (where the
+    camera looks, counter-clockwise from the x axis), tilt (up from level) and roll (its right side down), each with its
+    standard deviation, and the tags that tell; or why it is not known. A tag that is not where the configuration says
+    is named. With --json, an object with file, x_m, y_m, z_m, yaw_rad, tilt_rad, roll_rad, orientation (a quaternion
+    x, y, z, w of the body with x forward, y left and z up), covariance (36 numbers as in ROS's PoseWithCovariance),
+    tags, moved and reason.
+
     With --explain, each line is followed by what was seen and how sharply, what the standard deviation is made up of,
     and what was looked at but rejected: where it is, how large, and the test that it failed. With --json as further
     fields, among them rejected, a list of objects; with --annotate drawn into the copies under the same numbers,
@@ -286,6 +323,8 @@ def measure(
 
     - `stadimeter measure --live opencv,device=0 --camera camera.toml --tag 8cm --family 36h11`
 
+    - `stadimeter measure lawn.jpg --where --config mower.toml`
+
     - `stadimeter measure --stereo stereo.toml left.jpg right.jpg --ball 6.4cm`
 
     **Exit code**: 0 everything was measured, in a video or by a camera in one frame at least; 1 a target was not
@@ -294,8 +333,11 @@ def measure(
     with plain_errors():
         known_at = None if at is None else parse_at(at)
         if box is not None:
-            check_box_alone(target, config)
+            check_alone("--box", target, {"--config": config})
             raise typer.Exit(measure_boxes(images or [], camera, box, known_at, as_json=as_json))
+        if where:
+            check_alone("--where", target, {"--camera": camera, "--live": live, "--stereo": stereo, "--at": at})
+            raise typer.Exit(print_places(images or [], config, as_json=as_json))
         others = {"--camera": camera, "--live": live, "--between": between}
         rig = None if stereo is None else load_rig(stereo, images or [], others)
         names, wanted, camera_model = _check_options(
@@ -444,19 +486,19 @@ class _Work(Struct, frozen=True, kw_only=True):
     def picture(self, image: Path, copy: Path | None, *, explain: bool) -> int:
         """Measure one picture, print what was found, write its copy, and return the exit code that it asks for."""
         return self._report(
-            measure_picture(image, self.targets, self.camera_model, self.wanted.mount), copy, explain=explain
+            measuring.measure_picture(image, self.targets, self.camera_model, self.wanted.mount), copy, explain=explain
         )
 
     def pairs(self, files: Sequence[Path], rig: StereoRig, copies: Path | None, *, explain: bool) -> int:
         """Measure pairs of pictures of two cameras, and return the worst of their exit codes."""
         from stadimeter.workbench.stereo import PairMeasuring, pair_pictures  # noqa: PLC0415 - one camera needs none
 
-        pairs, measuring = pair_pictures(files), PairMeasuring(self.wanted.choices, rig)
+        pairs, measure_pair = pair_pictures(files), PairMeasuring(self.wanted.choices, rig)
         for note in profile_notes(files):
             say_note(note)
         paths = copy_paths([left for left, _ in pairs], copies)
         return max(
-            self._report(measuring.measure(*pair), paths.get(pair[0]), explain=explain)
+            self._report(measure_pair.measure(*pair), paths.get(pair[0]), explain=explain)
             for pair in _with_progress(pairs)
         )
 
@@ -464,7 +506,7 @@ class _Work(Struct, frozen=True, kw_only=True):
         code = self._printed(result)
         for words in (
             *colour_notes(result, self.wanted.choices, self.proposed),
-            *remedy_notes(result, self.wanted.choices, self.camera_model, self.proposed),
+            *measuring.remedy_notes(result, self.wanted.choices, self.camera_model, self.proposed),
         ):
             say_note(words)
         return max(code, _write_copy(result, copy, self.wanted.unit, explain=explain)) if copy else code
@@ -484,7 +526,7 @@ class _Work(Struct, frozen=True, kw_only=True):
         except KeyboardInterrupt:
             typer.echo(f"stopped after {seen} frames", err=True)
         except StadimeterError as error:
-            for each in failed_results(name, self.targets, error):
+            for each in measuring.failed_results(name, self.targets, error):
                 self.printer.result(each)
             return WRONG
         finally:
@@ -519,5 +561,5 @@ def _with_progress(images: Sequence[_T]) -> Iterable[_T]:
     On a terminal the results show it themselves, and what shares the terminal with them, by a pipe too, would be glued
     to them.
     """
-    is_worth_it = len(images) > MANY_PICTURES and goes_to_file(sys.stdout)
-    return count_items(images, "measuring", len(images)) if is_worth_it else images
+    is_worth_it = len(images) > MANY_PICTURES and exits.goes_to_file(sys.stdout)
+    return exits.count_items(images, "measuring", len(images)) if is_worth_it else images
