@@ -119,9 +119,9 @@ def test_a_broken_camera_file_is_named_with_its_line(pictures: Path, tmp_path: P
 
 
 def test_all_options_that_are_missing_are_named_at_once(pictures: Path) -> None:
-    result = _run(pictures / "ball.png", "--tag", "10cm")
+    result = _run(pictures / "ball.png")
     assert result.returncode == 2
-    assert "add --family" in result.stderr
+    assert "nothing says what to look for" in result.stderr
     assert "--camera: the camera file is missing" in result.stderr
 
 

@@ -61,6 +61,7 @@ def test_an_apriltag() -> None:
     assert (choice.name, choice.driver) == ("tag", "tag")
     assert (choice.options.side, choice.options.family, choice.options.id) == (0.08, "apriltag-36h11", 4)
     assert wanted.unit is CENTIMETRE
+    assert _wanted(tag="8cm", tag_id=4).choices == wanted.choices, "without a family it is of this one"
 
 
 def test_distances_are_shown_in_the_unit_of_the_size() -> None:
@@ -78,11 +79,10 @@ def test_what_is_wrong_is_said_in_one_line() -> None:
     for given, said in [
         ({}, "nothing says what to look for"),
         ({"sheet": "11in,8.5in", "ball": "6cm", "hsv": HSV}, "--sheet and --ball exclude each other"),
-        ({"tag": "8cm"}, "--tag needs the tag's family; add --family"),
-        ({"family": "36h11", "sheet": "11in,8in"}, "--family says what kind of tag it is; give --tag SIDE with it"),
+        ({"family": "36h11", "sheet": "11in,8in"}, "--family says nothing of a target of the kind sheet; leave it out"),
         ({"tag": "8cm", "family": "36h1"}, "--family: there is no family of tags '36h1'; did you mean"),
         ({"tag": "8cm", "family": "36h11", "tag_id": 587}, "--id: 587 is not in apriltag-36h11"),
-        ({"hsv": HSV, "disc": "12 cm"}, "--hsv says which colours the ball or the sheet has; give --sheet"),
+        ({"hsv": HSV, "tag": "12 cm"}, "--hsv says nothing of a target of the kind tag"),
         (
             {"sheet": "leter"},
             "--sheet: 'leter' is no sheet with a name; did you mean 'letter'? Known names: A1, A2, A3, A4",

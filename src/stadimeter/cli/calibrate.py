@@ -7,34 +7,31 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
+from msgspec.structs import replace
 
 from stadimeter.app.detectors import build_detectors
-from stadimeter.cli.calibrate_board import board, stereo
+from stadimeter.cli.calibrate_board import ToneCurveOption, board, stereo
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, read_option, say_note
-from stadimeter.cli.formatting import CENTIMETRE, INCH, LengthUnit, format_distance
-from stadimeter.cli.known_pictures import (
-    AtOption,
-    DistanceErrorOption,
-    MaybePicturesAtDistances,
-    PerhapsOption,
-    PicturesAtDistances,
-    ToneCurveOption,
-    calibrate_live,
-    look_at,
-    refuse_twice,
-)
+from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit, format_distance
 from stadimeter.cli.target_options import (
     GivenTarget,
     LiveOption,
     WantedTargets,
-    camera_choice,
+    ask_until,
+    check_one_source,
+    give_up,
+    live_camera,
+    parse_known_length,
+    split_pictures,
     takes_target,
     targets_from_options,
+    tell_written,
 )
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.config.units import LENGTHS_M, UNKNOWN_SIZE, parse_quantity
@@ -42,16 +39,21 @@ from stadimeter.core.camera_model import CameraModel, ToneCurve
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError, ConfigError, Problem
-from stadimeter.ranging.calibration import Calibration, CalibrationCheck, FocalLength, check_calibration
+from stadimeter.ranging.calibration import Calibration, CalibrationCheck, FocalLength, KnownDistance, check_calibration
 from stadimeter.ranging.flat import SheetShape, TagShape
 from stadimeter.ranging.floor import CameraAboveFloor, camera_above, mean_of
-from stadimeter.ranging.size_from_motion import LearntSize, StepErrors, StepView, Vector, learn_size
+from stadimeter.ranging.size_from_motion import LearntSize, StepErrors, StepView, learn_size
 from stadimeter.workbench.calibration.board_session import today
-from stadimeter.workbench.calibration.live_distance import fit_distances, remedy_words
+from stadimeter.workbench.calibration.live_distance import (
+    APART_MIN,
+    LiveDistance,
+    Take,
+    fit_distances,
+    look_at_distance,
+    remedy_words,
+)
 from stadimeter.workbench.calibration.size_by_steps import SizeSession, parse_move
-from stadimeter.workbench.frame_source import open_camera
 from stadimeter.workbench.measuring import open_picture
-from stadimeter.workbench.picture_metadata import check_lens_settings, profile_notes
 
 # The command ``calibrate size``: how large a thing is, from how it grows while the camera moves by known steps --------
 
@@ -140,8 +142,7 @@ def size(
     nothing was learnt; 2 an option, a file or a picture is wrong, the moves do not tell the size, or the thing moved.
     """
     with plain_errors():
-        if bool(pictures) == bool(live):
-            raise ConfigError("give pictures with the camera's moves, or --live for a camera, one of the two")
+        check_one_source(pictures, live, "pictures with the camera's moves")
         if moves and not live:
             raise ConfigError("--move says where to move the camera before pictures are taken; give --live with it")
         wanted = targets_from_options(_with_assumed_size(target))
@@ -174,11 +175,8 @@ def _with_assumed_size(given: GivenTarget) -> GivenTarget:
 
 def _from_files(pictures: Sequence[str], session: SizeSession) -> tuple[list[StepView], bool]:
     """Return the views of the target in picture files, and whether it was found in all of them."""
-    taken = [_split(each, is_first=index == 0) for index, each in enumerate(pictures)]
-    paths = [path for path, _ in taken]
-    refuse_twice(paths)
-    for note in (*check_lens_settings(paths), *profile_notes(paths)):
-        say_note(note)
+    moved = "how far the camera has moved since the first picture"
+    taken = split_pictures(pictures, parse_move, moved, "20cm", (0.0, 0.0, 0.0))
     views = []
     for path, moved_m in taken:
         looked = session.look_in_file(path, moved_m)
@@ -194,17 +192,6 @@ def _from_files(pictures: Sequence[str], session: SizeSession) -> tuple[list[Ste
     return views, len(views) == len(taken)
 
 
-def _split(text: str, *, is_first: bool) -> tuple[Path, Vector]:
-    path, at, move = text.rpartition("@")
-    if at and path:
-        return Path(path), parse_move(move, path)
-    if is_first:
-        return Path(text), (0.0, 0.0, 0.0)
-    raise ConfigError(
-        f"{text!r} does not say how far the camera has moved since the first picture; write it such as {text}@20cm"
-    )
-
-
 def _parse_not_negative(text: str) -> float:
     value = parse_quantity(text, LENGTHS_M, "20 cm")
     if value < 0:
@@ -216,46 +203,29 @@ def _from_camera(live: str, moves: Sequence[str], session: SizeSession) -> list[
     """Ask for the camera at each place, and return how the target is seen from there."""
     for text in moves:
         parse_move(text, "--move")
-    typer.echo("opening the camera …", err=True)
-    try:
-        with open_camera(camera_choice(live)) as source:
-            for words in source.capture.remarks():
-                say_note(words)
-            typer.echo("Keep the thing where it is, in the middle of the picture, and the camera looking the same way.")
-            views: list[StepView] = []
-            for asked in ("0 cm", *moves):
-                views.append(_take(asked, is_first=not views, take=lambda name, m: session.take(source, name, m)))
-            return views
-    except KeyboardInterrupt:
-        _nothing_learnt("stopped")
+    views: list[StepView] = []
+    with live_camera(live) as source:
+        typer.echo("Keep the thing where it is, in the middle of the picture, and the camera looking the same way.")
+        for asked in ("", *moves):
+
+            def take(answer: str, asked: str = asked) -> StepView:
+                place = (answer or asked) if asked else "0 cm"
+                return session.take(source, f"at {place}", parse_move(place, "the move"))
+
+            views.append(ask_until(partial(_ask_to_move, asked), _nothing_learnt, take))
+    return views
 
 
-def _take(asked: str, *, is_first: bool, take: Callable[[str, Vector], StepView]) -> StepView:
-    """Ask for the camera at a place until the target is found from there."""
-    begin = "Put the camera where it shall begin."
-    while True:
-        typer.echo(begin if is_first else f"Now move it to {asked} from where it began, straight towards the thing.")
-        question = (
-            "Press Enter when it is there: "
-            if is_first
-            else ("Press Enter when it is there, or type how far from the beginning it is: ")
-        )
-        try:
-            answer = input(question).strip()
-        except EOFError:
-            _nothing_learnt("there is no answer")
-        asked = asked if is_first else answer or asked
-        try:
-            view = take(f"at {asked}", parse_move(asked, "the move"))
-        except (ConfigError, CalibrationError) as error:
-            typer.echo(f"error: {error}", err=True)
-            continue
-        return view
+def _ask_to_move(asked: str) -> str:
+    if not asked:
+        typer.echo("Put the camera where it shall begin.")
+        return "Press Enter when it is there: "
+    typer.echo(f"Now move it to {asked} from where it began, straight towards the thing.")
+    return "Press Enter when it is there, or type how far from the beginning it is: "
 
 
 def _nothing_learnt(why: str) -> NoReturn:
-    typer.echo(f"error: {why}, so nothing was learnt", err=True)
-    raise typer.Exit(NOT_FOUND)
+    give_up(f"{why}, so nothing was learnt")
 
 
 def _tell_size(learnt: LearntSize, session: SizeSession, given: GivenTarget, unit: LengthUnit) -> None:
@@ -316,8 +286,7 @@ def floor(
             raise ConfigError(f"a {shape.label} does not show how the floor lies; lay a tag or a sheet on it")
         views = [view for path in pictures if (view := _look(path, detector, shape, model)) is not None]
         if not views:
-            typer.echo("error: no picture can be used", err=True)
-            raise typer.Exit(NOT_FOUND)
+            give_up("no picture can be used")
         _print_lines(mean_of(views))
     raise typer.Exit(DONE if len(views) == len(pictures) else NOT_FOUND)
 
@@ -364,6 +333,33 @@ calibrate = typer.Typer(no_args_is_help=True)
 def _calibrate() -> None:
     """Find out a camera's focal length, write its camera file, and check it; or how large a thing is."""
 
+
+_PATH_AT_DISTANCE = typer.Argument(
+    metavar="PATH@DISTANCE", help="Pictures of the target at known distances: 2ft.png@24in."
+)
+PicturesAtDistances = Annotated[list[str], _PATH_AT_DISTANCE]
+MaybePicturesAtDistances = Annotated[list[str] | None, _PATH_AT_DISTANCE]
+DistanceErrorOption = Annotated[
+    float,
+    typer.Option(
+        "--distance-error",
+        metavar="PERCENT",
+        min=0.0,
+        max=50.0,
+        help="How well you know the distances: one standard deviation, in per cent of each.",
+    ),
+]
+PerhapsOption = Annotated[
+    bool, typer.Option("--perhaps", help="Take what is perhaps the target, too: you have looked at it.")
+]
+AtOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--at",
+        metavar="DISTANCE",
+        help="With --live: where to put the target, such as --at 1m --at 3m; else 1 m, then up to thrice that.",
+    ),
+]
 
 # Further from the middle of the picture than this, depth and straight line differ by more than 1.5 %.
 FAR_OFF_AXIS_RAD = math.radians(10)
@@ -416,8 +412,7 @@ def distance(
     is wrong, or distances contradict each other and the others do not tell which is wrong, and nothing was written.
     """
     with plain_errors():
-        if bool(pictures) == bool(live):
-            raise ConfigError("give pictures at known distances, or --live for a camera, one of the two")
+        check_one_source(pictures, live, "pictures at known distances")
         if at and not live:
             raise ConfigError("--at says where to put the target before a camera; give --live with it")
         if perhaps and live:
@@ -426,18 +421,13 @@ def distance(
         if live:
             if not output.parent.is_dir():  # known before the person walks to and fro, not after it
                 raise ConfigError([Problem(f"there is no folder {output.parent} for {output.name}", key="-o")])
-            made = calibrate_live(
-                live, at or [], wanted, distance_relative_sigma=distance_error / 100, tone_curve=tone_curve
-            )
+            made = _live_distances(live, at or [], wanted, distance_error / 100, tone_curve)
             all_found = True
         else:
             made, all_found = _from_pictures(
                 pictures or [], wanted, distance_error / 100, tone_curve, takes_perhaps=perhaps
             )
-        replaced = output.exists()
-        save_camera_model(output, made.camera_model)
-        _tell(made, wanted.unit)
-        typer.echo(f"{'replaced' if replaced else 'wrote'} {output}")
+        tell_written(output, partial(save_camera_model, model=made.camera_model), partial(_tell, made, wanted.unit))
     raise typer.Exit(DONE if all_found else NOT_FOUND)
 
 
@@ -450,11 +440,11 @@ def _from_pictures(
     takes_perhaps: bool,
 ) -> tuple[Calibration, bool]:
     """Calibrate; return the calibration, and whether it comes from all pictures."""
-    known = look_at(pictures, wanted, None, takes_perhaps=takes_perhaps)
-    if not known.usable:
-        _nothing_written()
+    usable = _look_at(pictures, wanted, None, takes_perhaps=takes_perhaps)
+    if not usable:
+        _nothing_written("no picture can be used")
     fit = fit_distances(
-        known.usable,
+        usable,
         lambda name: open_picture(Path(name)),
         wanted.choices,
         date=today(),
@@ -471,13 +461,102 @@ def _from_pictures(
         there = f"{each.detection.centre_px[0]:.0f}, {each.detection.centre_px[1]:.0f} px"
         say_note(f"{each.picture}: the target is taken to be at {there}; check it with `stadimeter measure --annotate`")
     if fit.calibration is None:
-        _nothing_written()
-    return fit.calibration, known.all_usable and not (fit.left_out or fit.outliers)
+        _nothing_written("no picture can be used")
+    return fit.calibration, len(usable) == len(pictures) and not (fit.left_out or fit.outliers)
 
 
-def _nothing_written() -> NoReturn:
-    typer.echo("error: no picture can be used, so nothing was written", err=True)
-    raise typer.Exit(NOT_FOUND)
+def _look_at(
+    pictures: Sequence[str], wanted: WantedTargets, camera_model: CameraModel | None, *, takes_perhaps: bool
+) -> list[KnownDistance]:
+    """Return the pictures in which the target is found; say on standard error which cannot be used, and why."""
+    taken = split_pictures(pictures, parse_known_length, "how far away the target is", "24in")
+    (target,) = build_detectors(wanted.choices, camera_model)
+    seen = [look_at_distance(str(path), open_picture(path), depth_m, target, camera_model) for path, depth_m in taken]
+    known = [replace(each, is_confirmed=takes_perhaps) for each in seen]
+    for each in known:
+        if each.detection.is_whole and not each.is_usable:
+            x_px, y_px = each.detection.centre_px
+            perhaps = f"at {x_px:.0f}, {y_px:.0f} px is perhaps the target: {each.detection.reason}"
+            typer.echo(f"left out: {each.picture}: {perhaps}; --perhaps takes it", err=True)
+        elif not each.is_usable:
+            remedy = remedy_words(each, open_picture(Path(each.picture)), wanted.choices[0], camera_model)
+            typer.echo(f"left out: {each.picture}: {each.detection.reason}{remedy}", err=True)
+        elif each.detection.reason:
+            say_note(f"{each.picture}: {each.detection.reason}")
+    return [each for each in known if each.is_usable]
+
+
+def _live_distances(
+    live: str, at: Sequence[str], wanted: WantedTargets, distance_relative_sigma: float, tone_curve: ToneCurve
+) -> Calibration:
+    """Ask for the target at each distance, and return the calibration from all of them.
+
+    Raises:
+        CalibrationError: The distances contradict each other.
+    """
+    if len(at) == 1:
+        raise ConfigError("one distance is not proved by another; give two, such as --at 1m --at 3m")
+    for text in at:
+        parse_known_length(text, "--at")
+    try:
+        with live_camera(live) as source:
+            session = LiveDistance(
+                source,
+                wanted.choices[0],
+                date=today(),
+                distance_relative_sigma=distance_relative_sigma,
+                tone_curve=tone_curve,
+            )
+            typer.echo(f"Measure with a tape, from the lens to {session.measured_to}.")
+            typer.echo("Keep it in the middle of the picture, and the camera still.")
+            for number in range(max(2, len(at))):
+                asked = at[number] if at else _advise_distance(session, wanted.unit)
+                take = partial(_take, session, asked)
+                _say(ask_until(partial(_ask_for, session, asked), _nothing_written, take), wanted.unit)
+            if session.to_centre_m:
+                more = format_distance(session.to_centre_m, None, wanted.unit)
+                typer.echo(f"The distances below are to the centre, which is {more} farther.")
+            return _prove(session)
+    except CalibrationError as error:
+        raise CalibrationError(f"{error}\nnothing was written") from error
+
+
+def _prove(session: LiveDistance) -> Calibration:
+    if not session.is_proved:
+        raise CalibrationError(f"one distance does not prove the other: take one {APART_MIN:g} times as far at least")
+    typer.echo("calculating …", err=True)
+    return session.calibration()
+
+
+def _nothing_written(why: str) -> NoReturn:
+    give_up(f"{why}, so nothing was written")
+
+
+def _advise_distance(session: LiveDistance, unit: LengthUnit) -> str:
+    """Return a first distance that suits most rooms, or the one that proves it best."""
+    shown, first = (FOOT, 3.0) if unit in {FOOT, INCH} else (METRE, 1.0)
+    following_m = session.next_distance_m
+    return f"{first if following_m is None else following_m / shown.size_m:.3g} {shown.symbol}"
+
+
+def _ask_for(session: LiveDistance, asked: str) -> str:
+    typer.echo(f"{'Now put' if session.takes else 'Put'} it at {asked}.")
+    return "Press Enter when it is there, or type the distance that it has: "
+
+
+def _take(session: LiveDistance, asked: str, answer: str) -> Take:
+    return session.take(parse_known_length(answer or asked, "the distance"), name=f"at {answer or asked}")
+
+
+def _say(take: Take, unit: LengthUnit) -> None:
+    reads = ""
+    if take.reads_m is not None:
+        share = take.reads_m / take.distance_m - 1
+        reads = f"\n    from what came before: {format_distance(take.reads_m, None, unit)} ({share:+.1%})"
+    seen = f"{take.size_px:.1f} px, spread {take.spread_share:.2%}, found in {take.found} of {take.frames} frames"
+    typer.echo(f"{take.name}: {seen}{reads}")
+    if take.reason:
+        say_note(take.reason)
 
 
 def _tell(made: Calibration, unit: LengthUnit) -> None:
@@ -555,14 +634,13 @@ def check(
     with plain_errors():
         wanted = targets_from_options(target)
         model = load_camera_model(camera)
-        known = look_at(pictures, wanted, model, takes_perhaps=perhaps)
-        if not known.usable:
-            typer.echo("error: no picture can be used, so nothing was checked", err=True)
-            raise typer.Exit(NOT_FOUND)
-        checked = check_calibration(known.usable, model, distance_relative_sigma=distance_error / 100)
+        usable = _look_at(pictures, wanted, model, takes_perhaps=perhaps)
+        if not usable:
+            give_up("no picture can be used, so nothing was checked")
+        checked = check_calibration(usable, model, distance_relative_sigma=distance_error / 100)
         _tell_check(checked, wanted.unit)
         typer.echo(_verdict(checked, camera))
-    raise typer.Exit(DONE if checked.is_sound and known.all_usable else NOT_FOUND)
+    raise typer.Exit(DONE if checked.is_sound and len(usable) == len(pictures) else NOT_FOUND)
 
 
 def _tell_check(checked: CalibrationCheck, unit: LengthUnit) -> None:

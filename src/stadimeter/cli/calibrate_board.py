@@ -6,6 +6,7 @@ import math
 import re
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -13,9 +14,16 @@ import typer
 from msgspec.structs import replace
 
 from stadimeter.cli.exits import DONE, NOT_FOUND, count_items, plain_errors, say_note, working
-from stadimeter.cli.known_pictures import ToneCurveOption
-from stadimeter.cli.target_options import camera_choice, parse_known_length
+from stadimeter.cli.target_options import (
+    LiveOption,
+    camera_choice,
+    check_one_source,
+    give_up,
+    parse_known_length,
+    tell_written,
+)
 from stadimeter.config.camera_file import save_camera_model, save_stereo_rig
+from stadimeter.core.camera_model import ToneCurve
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.board_calibration import VIEWS_ENOUGH, BoardCalibration, calibrate_board
@@ -34,6 +42,15 @@ from stadimeter.workbench.calibration.board_session import (
 from stadimeter.workbench.frame_source import Source, open_source
 from stadimeter.workbench.picture_metadata import check_lens_settings
 from stadimeter.workbench.stereo import find_board_pairs, pair_pictures
+
+ToneCurveOption = Annotated[
+    ToneCurve,
+    typer.Option(
+        "--tone-curve",
+        help="How the camera's values follow from light: srgb for nearly every camera, linear for raw pictures, whose "
+        "values are in proportion to it.",
+    ),
+]
 
 # The command ``calibrate stereo``: a stereo file from pictures of a board that two cameras took at the same time ------
 
@@ -110,11 +127,9 @@ def stereo(
             typer.echo(f"left out: {left}, {right}: {reason}", err=True)
         with working("calibrating"):
             made = found.calibrate(square_error / 100)
-        replaced = output.exists()
         lenses = {side: replace(getattr(made.rig, side), tone_curve=tone_curve) for side in ("left", "right")}
-        save_stereo_rig(output, replace(made.rig, **lenses))
-        _tell_stereo(made)
-        typer.echo(f"{'replaced' if replaced else 'wrote'} {output}")
+        rig = replace(made.rig, **lenses)
+        tell_written(output, partial(save_stereo_rig, rig=rig), partial(_tell_stereo, made))
     all_used = not found.missed and not any(each.why_left_out for each in made.pairs)
     raise typer.Exit(DONE if all_used else NOT_FOUND)
 
@@ -191,14 +206,7 @@ def board(
     marker: MarkerOption = None,
     dictionary: DictionaryOption = None,
     tone_curve: ToneCurveOption = "srgb",
-    live: Annotated[
-        str | None,
-        typer.Option(
-            "--live",
-            metavar="CONFIG|DRIVER",
-            help="Take the pictures from a camera: that of a configuration, or a driver such as opencv,device=0.",
-        ),
-    ] = None,
+    live: LiveOption = None,
 ) -> None:
     """Calibrate a camera, distortion included, from pictures of a chessboard or a ChArUco board.
 
@@ -229,13 +237,10 @@ def board(
     """
     with plain_errors():
         wanted = board_from_options(chessboard, charuco, square, marker, dictionary)
-        if bool(pictures) == bool(live):
-            raise ConfigError("give pictures of the board, or --live for a camera, one of the two")
+        check_one_source(pictures, live, "pictures of the board")
         made, all_used = _from_camera(live, wanted) if live else _from_pictures(pictures or [], wanted)
-        replaced = output.exists()
-        save_camera_model(output, replace(made.camera_model, tone_curve=tone_curve))
-        _tell(made)
-        typer.echo(f"{'replaced' if replaced else 'wrote'} {output}")
+        model = replace(made.camera_model, tone_curve=tone_curve)
+        tell_written(output, partial(save_camera_model, model=model), partial(_tell, made))
     raise typer.Exit(DONE if all_used else NOT_FOUND)
 
 
@@ -268,12 +273,10 @@ def _from_camera(live: str, wanted: Board) -> tuple[BoardCalibration, bool]:
 
 
 def _never_found(what: str) -> NoReturn:
-    typer.echo(
-        f"error: {what}, so nothing was written; count its inner corners again, and see that all of it, with a white "
-        "rim, is in the picture, sharp and evenly lit",
-        err=True,
+    give_up(
+        f"{what}, so nothing was written; count its inner corners again, and see that all of it, with a white rim, is "
+        "in the picture, sharp and evenly lit"
     )
-    raise typer.Exit(NOT_FOUND)
 
 
 def board_from_options(

@@ -117,7 +117,7 @@ def parse_box(text: str) -> DrawnBox:
 
 def check_alone(option: str, given: GivenTarget, others: Mapping[str, object]) -> None:
     """Raise a `ConfigError` where there is a target beside an option that needs none, or another option."""
-    found = [flag for flag, value in {**given, **others}.items() if value not in (None, "auto", [])]
+    found = [flag for flag, value in {**given, **others}.items() if value not in (None, [])]
     if found:
         raise ConfigError(f"{option} measures no target; leave out {found[0]}")
 

@@ -12,7 +12,7 @@ import typer
 from stadimeter.app.places import CERTIFICATE
 from stadimeter.cli.exits import DONE, NOT_FOUND, ConfigArgument, configuration_path, plain_errors, say_note
 from stadimeter.cli.operate import confirm
-from stadimeter.cli.target_options import parse_known_length
+from stadimeter.cli.target_options import ask_until, give_up, parse_known_length
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import split_spread
 from stadimeter.errors import CalibrationError, ConfigError
@@ -181,18 +181,20 @@ def _take(session: SiteSession, tape_m: float, for_s: float, at_m: float, pictur
 
 def _take_asking(session: SiteSession, tape_m: float, for_s: float, at_m: float, _: Path | None = None) -> bool:
     """Ask for the target at a distance until it is seen there, or the person goes on without."""
-    while True:
+
+    def ask() -> str:
         typer.echo(f"Put it at {at_m:g} m.")
-        try:
-            answer = input("Enter when it is there; or type its distance, such as 1.52 m ± 3 mm; or skip: ").strip()
-            if answer == SKIP:
-                return False
-            length, sigma = split_spread(answer)
-            at_m = parse_known_length(length, "the distance") if length else at_m
-            if _take(session, parse_known_length(sigma, "the ±") if sigma else tape_m, for_s, at_m):
-                return True
-        except (EOFError, KeyboardInterrupt):
-            typer.echo("\nstopped; what was measured is kept, and the same command goes on", err=True)
-            raise typer.Exit(NOT_FOUND) from None
-        except (ConfigError, CalibrationError) as error:
-            typer.echo(f"error: {error}", err=True)
+        return "Enter when it is there; or type its distance, such as 1.52 m ± 3 mm; or skip: "
+
+    def take(answer: str) -> bool:
+        if answer == SKIP:
+            return False
+        length, sigma = split_spread(answer)
+        there_m = parse_known_length(length, "the distance") if length else at_m
+        placed = session.take(there_m, parse_known_length(sigma, "the ±") if sigma else tape_m, for_s)
+        if not placed.is_read:
+            raise CalibrationError(describe_placement(placed))
+        typer.echo(describe_placement(placed))
+        return True
+
+    return ask_until(ask, lambda _: give_up("stopped; what was measured is kept, and the same command goes on"), take)

@@ -1,4 +1,4 @@
-"""The options that say what to look for, and before which camera: `measure`, `colour` and `calibrate` share them."""
+"""From options to a target and pictures of it: `measure`, `colour`, `calibrate` and `site` share this way."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ import functools
 import inspect
 import re
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar, cast
 
 import typer
 from msgspec import Struct
 from msgspec.structs import replace
 from pydantic import ValidationError
 
-from stadimeter.cli.exits import read_option
+from stadimeter.cli.exits import NOT_FOUND, read_option, say_note
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit
 from stadimeter.config.files import is_file
 from stadimeter.config.findings import findings_of
@@ -24,7 +25,11 @@ from stadimeter.config.toml_source import camera_table, key_and_value
 from stadimeter.config.units import LENGTHS_M, paper_sides, parse_length, split_quantities
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import Footing, Mount
-from stadimeter.errors import ConfigError, DriverNotFoundError, Problem
+from stadimeter.errors import CalibrationError, ConfigError, DriverNotFoundError, Problem
+from stadimeter.workbench.picture_metadata import check_lens_settings, profile_notes
+
+if TYPE_CHECKING:
+    from stadimeter.workbench.frame_source import Source
 
 ConfigOption = Annotated[
     Path | None,
@@ -39,19 +44,16 @@ _UNITS = {
 
 
 class _Option(Struct, frozen=True):
-    """An option of the command line; its value is None, or its default, where it is not given.
+    """An option of the command line; its value is None where it is not given.
 
     Attributes:
-        key: What it is called in the detector's table; empty for one that names a target.
-        means: What it says, for the message where it stands without the option that it belongs to.
+        key: The name in the detector's table; empty for one that names a target.
     """
 
     metavar: str
     help: str
     key: str = ""
-    means: str = ""
     kind: Any = str | None
-    default: Any = None
 
 
 # The options that describe a target, in the order of the help.
@@ -61,11 +63,8 @@ _OPTIONS = {
     ),
     "--known-side": _Option(
         "auto|width|height",
-        "Which side of the sheet to measure by: auto takes the one that is turned away the least.",
+        "Which side of the sheet to measure by: auto, the default, takes the one that is turned away the least.",
         "known_side",
-        "names a side of the sheet",
-        str,
-        "auto",
     ),
     "--ball": _Option("DIAMETER", "Look for a ball of this size, such as 6.4cm or 'tennis ball'."),
     "--hsv": _Option(
@@ -74,20 +73,17 @@ _OPTIONS = {
         "of hue 0 to 179, saturation and value 0 to 255. Such as 29,86,6:64,255,255, a green. A lower hue above the "
         "upper one wraps through red.",
         "hsv",
-        "says which colours the ball or the sheet has",
     ),
     "--tag": _Option("SIDE", "Look for a tag whose black square has this side, such as 8cm."),
     "--family": _Option(
         "FAMILY",
-        "The tag's family, such as 36h11 (an AprilTag) or 4x4-50 (ArUco).",
+        "The tag's family: 36h11, an AprilTag, unless you say another one, such as 4x4-50 (ArUco).",
         "family",
-        "says what kind of tag it is",
     ),
     "--id": _Option(
         "N",
         "Which tag of the family; without it, the largest one in the picture.",
         "id",
-        "says which tag it is",
         int | None,
     ),
     "--disc": _Option("DIAMETER", "Look for a flat disc of this size, such as 12cm."),
@@ -96,7 +92,6 @@ _OPTIONS = {
         "Accept sheets and tags whose shorter side is at least this long in the picture; 8 and 10 pixels unless "
         "you say so. Smaller ones are less certain, which the ± tells.",
         "min_side_px",
-        "says how small a sheet or a tag may appear",
         float | None,
     ),
     "--target": _Option(
@@ -112,19 +107,8 @@ _OPTIONS = {
     ),
 }
 
-# The short options for built-in kinds of targets: the keys of the size, and the options that say more of them.
-# Every kind can be named with ``--target``.
-_SHORTHANDS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "--sheet": (("width", "height"), ("--known-side", "--min-side", "--hsv")),
-    "--ball": (("diameter",), ("--hsv",)),
-    "--tag": (("side",), ("--family", "--id", "--min-side")),
-    "--disc": (("diameter",), ()),
-}
-
-# What to say where an option is missing beside a short one.
-_MISSING = {
-    ("--tag", "--family"): "--tag needs the tag's family; add --family, such as --family 36h11",
-}
+# The short options for built-in kinds of targets, and the keys of the size. Every kind can be named with ``--target``.
+_SHORTHANDS = {"--sheet": ("width", "height"), "--ball": ("diameter",), "--tag": ("side",), "--disc": ("diameter",)}
 
 # The values of the options that describe a target, by option, such as ``{"--disc": "12cm"}``.
 GivenTarget = Mapping[str, Any]
@@ -156,7 +140,7 @@ def takes_target(command: Callable[..., None]) -> Callable[..., None]:
         inspect.Parameter(
             _parameter(flag),
             inspect.Parameter.KEYWORD_ONLY,
-            default=each.default,
+            default=None,
             annotation=Annotated[each.kind, typer.Option(flag, metavar=each.metavar, help=each.help)],
         )
         for flag, each in _OPTIONS.items()
@@ -182,7 +166,7 @@ def targets_from_options(given: GivenTarget, config: Path | None = None, *, seve
     Args:
         several: Whether ``--target`` may be given more than once.
     """
-    said = {flag: value for flag, value in given.items() if value not in (None, [], _OPTIONS[flag].default)}
+    said = {flag: value for flag, value in given.items() if value not in (None, [])}
     describing = [flag for flag in (*_SHORTHANDS, "--target") if flag in said]
     names = [*describing, *(["--config"] if config is not None else [])]
     if len(names) != 1:
@@ -192,11 +176,10 @@ def targets_from_options(given: GivenTarget, config: Path | None = None, *, seve
             "--disc 12cm, --target 'KIND KEY=VALUE …', or --config FILE"
         )
     (name,) = names
-    _check_companions(said, name)
     if config is not None:
-        if "--tolerance" in said:
+        if said:
             raise ConfigError(
-                "--tolerance says how well a size is known; with --config it stands in the target's table"
+                f"{next(iter(said))} is a key of the target's table where there is --config; leave it out"
             )
         loaded = _loader().load_configuration(config)
         return WantedTargets(
@@ -204,10 +187,11 @@ def targets_from_options(given: GivenTarget, config: Path | None = None, *, seve
         )
     if name == "--target" and len(texts := _texts(said[name])) > 1:
         return _several_targets(texts, said, is_allowed=several)
-    kind, table, flags = _named_target(*texts) if name == "--target" else _short_target(name, said)
+    kind, table, flags = _named_target(*texts) if name == "--target" else _short_target(name, said[name])
     units = [unit for value in table.values() if (unit := _unit_of(value)) is not None]
-    if "--tolerance" in said:
-        table["tolerance"], flags["tolerance"] = said["--tolerance"], "--tolerance"
+    for flag, value in said.items():
+        if key := _OPTIONS[flag].key:
+            table[key], flags[key] = value, flag
     return WantedTargets(choices=(_choice(kind, table, flags),), unit=units[0] if units else METRE)
 
 
@@ -219,8 +203,8 @@ def _several_targets(texts: list[str], said: GivenTarget, *, is_allowed: bool) -
     """Return the targets of several ``--target``, numbered where their kinds are the same."""
     if not is_allowed:
         raise ConfigError("--target is given more than once; this command takes one target")
-    if "--tolerance" in said:
-        raise ConfigError("--tolerance is that of one target; write tolerance=1mm into each --target")
+    if others := [flag for flag in said if flag != "--target"]:
+        raise ConfigError(f"{others[0]} is that of one target; write it into each --target, such as tolerance=1mm")
     each = [targets_from_options({"--target": text}) for text in texts]
     kinds = [wanted.choices[0].name for wanted in each]
     numbers = [kinds[: place + 1].count(kind) for place, kind in enumerate(kinds)]
@@ -237,29 +221,14 @@ def _loader() -> Any:
     return loader
 
 
-def _check_companions(said: Mapping[str, Any], name: str) -> None:
-    own = _SHORTHANDS[name][1] if name in _SHORTHANDS else ()
-    for flag, (_, companions) in _SHORTHANDS.items():
-        for option in companions:
-            if option in said and option not in own:
-                metavar = _OPTIONS[flag].metavar.partition("|")[0]
-                raise ConfigError(f"{option} {_OPTIONS[option].means}; give {flag} {metavar} with it")
-    for (flag, option), words in _MISSING.items():
-        if flag == name and option not in said:
-            raise ConfigError(words)
-
-
 # A target as the options describe it: its kind, its detector's table, and the option that each key comes from.
 _Described = tuple[str, dict[str, Any], dict[str, str]]
 
 
-def _short_target(flag: str, said: Mapping[str, Any]) -> _Described:
-    keys, companions = _SHORTHANDS[flag]
-    sizes = _sides(flag, said[flag]) if len(keys) > 1 else [said[flag]]
-    table = dict(zip(keys, sizes, strict=True)) | {
-        _OPTIONS[each].key: said[each] for each in companions if each in said
-    }
-    return flag.removeprefix("--"), table, dict.fromkeys(keys, flag) | {_OPTIONS[each].key: each for each in companions}
+def _short_target(flag: str, text: str) -> _Described:
+    keys = _SHORTHANDS[flag]
+    sizes = _sides(flag, text) if len(keys) > 1 else [text]
+    return flag.removeprefix("--"), dict(zip(keys, sizes, strict=True)), dict.fromkeys(keys, flag)
 
 
 def _sides(flag: str, text: str) -> list[str]:
@@ -299,6 +268,8 @@ def _choice(driver: str, table: dict[str, Any], keys: Mapping[str, str]) -> Driv
         model = load_driver(DETECTORS, driver)
     except DriverNotFoundError as error:
         raise ConfigError([Problem(str(error), key="--target")]) from error
+    if foreign := [flag for key, flag in keys.items() if key not in model.model_fields]:
+        raise ConfigError(f"{foreign[0]} says nothing of a target of the kind {driver}; leave it out")
     try:
         options = model.model_validate(table)
     except ValidationError as error:
@@ -356,3 +327,86 @@ def camera_choice(live: str) -> DriverChoice:
         found = findings_of(error, model, table, ())
         hint = f"write it such as --live {driver},KEY=VALUE, or write a configuration and give that"
         raise ConfigError([Problem(f"{driver}: {each.message}", key="--live", hint=hint) for each in found]) from error
+
+
+# Pictures, from files or from a camera before a person ----------------------------------------------------------------
+
+_T = TypeVar("_T")
+
+
+def check_one_source(pictures: object, live: str | None, what: str) -> None:
+    """Raise a `ConfigError` for pictures and a camera at once, and for neither."""
+    if bool(pictures) == bool(live):
+        raise ConfigError(f"give {what}, or --live for a camera, one of the two")
+
+
+def split_pictures(
+    texts: Sequence[str], read: Callable[[str, str], _T], what: str, such_as: str, first: _T | None = None
+) -> list[tuple[Path, _T]]:
+    """Read ``PATH@VALUE`` pictures, and note what is to be known of how they were taken.
+
+    Args:
+        read: Reads a value; it also gets the picture's name, for messages.
+        what: The meaning of the value, for the message where it is missing.
+        first: The value of the first picture where it has none; None where it must have one.
+
+    Raises:
+        ConfigError: A value is missing or wrong, or a picture is given twice.
+    """
+    taken: dict[Path, _T] = {}
+    for text in texts:
+        path, at, value = text.rpartition("@")
+        if not (at and path) and (taken or first is None):
+            raise ConfigError(f"{text!r} does not say {what}; write it such as {text}@{such_as}")
+        name = Path(path or text)
+        if name in taken:
+            raise ConfigError(f"{name} is given twice; a picture says the same each time, so give each of them once")
+        taken[name] = read(value, path) if path else cast("_T", first)
+    for note in (*check_lens_settings([*taken]), *profile_notes([*taken])):
+        say_note(note)
+    return [*taken.items()]
+
+
+@contextmanager
+def live_camera(live: str) -> Iterator[Source]:
+    """Give the camera of ``--live``, open and settled, and note its remarks; close it afterwards."""
+    from stadimeter.workbench.frame_source import open_camera  # noqa: PLC0415 - loads the rules; pictures need none
+
+    typer.echo("opening the camera …", err=True)
+    with open_camera(camera_choice(live)) as source:
+        for words in source.capture.remarks():
+            say_note(words)
+        yield source
+
+
+def ask_until(ask: Callable[[], str], stop: Callable[[str], NoReturn], take: Callable[[str], _T]) -> _T:
+    """Ask a person for something before the camera, until it is taken: after an error again.
+
+    Args:
+        ask: Says what to do, and returns the question.
+        stop: Ends the command where there is no answer, or Ctrl-C is pressed; it gets why.
+        take: Takes what is there by the answer, which may be empty.
+    """
+    while True:
+        try:
+            return take(input(ask()).strip())
+        except EOFError:
+            stop("there is no answer")
+        except KeyboardInterrupt:
+            stop("stopped")
+        except (ConfigError, CalibrationError) as error:
+            typer.echo(f"error: {error}", err=True)
+
+
+def give_up(why: str) -> NoReturn:
+    """End a command that found too little: exit code 1."""
+    typer.echo(f"error: {why}", err=True)
+    raise typer.Exit(NOT_FOUND)
+
+
+def tell_written(path: Path, write: Callable[[Path], None], tell: Callable[[], None]) -> None:
+    """Write a file, tell about it, and then whether it took the place of another."""
+    replaced = path.exists()
+    write(path)
+    tell()
+    typer.echo(f"{'replaced' if replaced else 'wrote'} {path}")
