@@ -29,9 +29,10 @@ from web_pages import make_pages
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Loop
+from stadimeter.app.watching import live_feed
 from stadimeter.cli.demo import fault_keys
 from stadimeter.cli.keyboard import Keyboard, RunKeys
-from stadimeter.cli.live_view import live_view_of
+from stadimeter.cli.live_view import LiveView
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import ACTUATORS, BUTTONS, DriverChoice, load_driver
 from stadimeter.config.toml_source import parse_toml
@@ -52,7 +53,7 @@ class ShownKeyboard(Keyboard):
     is_there = True
 
 
-def live_view_picture(path: Path, seconds: float, width: int = 120, height: int = 35) -> None:
+def live_view_picture(path: Path, seconds: float, width: int = 96, height: int = 32) -> None:
     """Run the demonstration as fast as it goes, and take a picture of its live view.
 
     Args:
@@ -63,12 +64,12 @@ def live_view_picture(path: Path, seconds: float, width: int = 120, height: int 
     """
     loop = Loop(build(demo_configuration(), speed=None))
     keys = RunKeys(loop, fault_keys(loop), can_pause=True, keyboard=ShownKeyboard())
-    view = live_view_of(loop, "stadimeter demo", "m", keys)
+    view = LiveView("stadimeter demo", live_feed(loop), keys=keys)
 
     def watch(record: CycleRecord, _frame: Frame | None) -> None:
         view.update(record)
         if record.observation.now_s >= seconds:
-            save_svg(view.render(), path, width, height, title="make demo")  # while the run still goes on
+            save_svg(view, path, width, height, title="make demo")  # while the run still goes on
             loop.stop("the picture is taken")
 
     loop.listeners.append(watch)

@@ -7,6 +7,7 @@ import os
 import re
 import socket
 import sys
+import textwrap
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,7 +18,6 @@ from rich.text import Text
 
 import stadimeter
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, working
-from stadimeter.cli.layout import hang
 from stadimeter.config.extras import guide
 from stadimeter.core.words import one_line
 from stadimeter.errors import ConfigError
@@ -91,21 +91,18 @@ def _print_lines(examined: Examined) -> list[Diagnosis]:
             console.print(Text(f"{'' if not group else chr(10)}{check.group}", "bold"))
             group = check.group
         for diagnosis in found:
-            for line in _lines(diagnosis, width):
-                console.print(line)
+            mark, style = MARKS[diagnosis.severity]
+            console.print(Text.assemble(" ", (mark, style), "  ", _hang(diagnosis.seen, width, 4)))
+            if diagnosis.remedy:
+                console.print(Text.assemble("    → ", (_hang(diagnosis.remedy, width, 6), "green")))
         every.extend(found)
-    for line in (Text(), *hang(Text(), _summary(every), width)):
-        console.print(line)
+    console.print("", _summary(every), sep="\n")
     return every
 
 
-def _lines(diagnosis: Diagnosis, width: int) -> list[Text]:
-    mark, style = MARKS[diagnosis.severity]
-    label = Text.assemble(" ", (f"{mark:<2}", style), " ")
-    lines = hang(label, Text(one_line(diagnosis.seen)), width)
-    if diagnosis.remedy:
-        lines += hang(Text("    → "), Text(one_line(diagnosis.remedy), "green"), width)
-    return lines
+def _hang(words: str, width: int, indent: int) -> str:
+    """Return words on lines that begin where the first one does."""
+    return f"\n{' ' * indent}".join(textwrap.wrap(one_line(words), max(20, width - indent)))
 
 
 def _summary(every: list[Diagnosis]) -> Text:

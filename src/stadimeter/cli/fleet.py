@@ -15,13 +15,13 @@ from typing import Annotated, Any
 
 import typer
 from msgspec import Struct
-from rich.console import Console, ConsoleOptions
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.live import Live
+from rich.rule import Rule
 from rich.text import Text
 
 from stadimeter.cli.exits import NOT_FOUND, ConfigArgument, configuration_path, plain_errors, read_option
 from stadimeter.cli.formatting import UNKNOWN, format_distance, format_time
-from stadimeter.cli.layout import fit, heading
 from stadimeter.cli.operate import ByOption, JsonOption, print_answer, who
 from stadimeter.config.loader import load_messenger_choice
 from stadimeter.config.units import parse_duration
@@ -110,8 +110,7 @@ def _print_once(seen: Fleet, place: str, *, check: bool, as_json: bool) -> None:
     elif check:
         typer.echo("\n".join(found) or f"{len(seen.devices)} devices are online, and no serious alarm stands")
     else:
-        console = Console(highlight=False, soft_wrap=True)
-        console.print(*FleetScreen(seen, place, "", now_s).lines(console.width, sys.maxsize), sep="\n")
+        Console(highlight=False).print(*FleetScreen(seen, place, "", now_s).lines(sys.maxsize), sep="\n")
     if check and found:
         raise typer.Exit(NOT_FOUND)
 
@@ -165,11 +164,11 @@ class FleetScreen(Struct, frozen=True):
     trouble: str
     now_s: float
 
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Text]:
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         """Yield as many lines as there are rows."""
-        yield from self.lines(options.max_width, options.height or console.height)
+        yield from self.lines(options.height or console.height)
 
-    def lines(self, width: int, height: int) -> list[Text]:
+    def lines(self, height: int) -> list[RenderableType]:
         """Return the screen: alarms get half of it if there are that many, devices the rest."""
         alarms, devices = self.fleet.standing, sorted(self.fleet.devices.values(), key=self._rank)
         counts = Counter(device.status(self.now_s) for device in devices)
@@ -178,14 +177,15 @@ class FleetScreen(Struct, frozen=True):
         left_out = f"  {self.fleet.passed_over} messages were passed over" if self.fleet.passed_over else ""
         for_alarms = min(len(alarms) or 1, max((height - 3) // 2, height - 3 - len(devices)))
         for_devices = max(0, height - 3 - for_alarms)
-        shown = [
-            Text.assemble(f" {self.fleet.root} at {self.place}  ", state, (left_out, _BAD)),
-            heading("devices", width, _more(len(devices), for_devices)),
+        return [
+            _line(f" {self.fleet.root} at {self.place}  ", state, (left_out, _BAD)),
+            Rule(Text.assemble(("devices ", "bold"), _more(len(devices), for_devices)), align="left", style="dim"),
             *map(self._device, devices[:for_devices]),
-            heading("standing alarms", width, _more(len(alarms), for_alarms)),
+            Rule(
+                Text.assemble(("standing alarms ", "bold"), _more(len(alarms), for_alarms)), align="left", style="dim"
+            ),
             *(map(self._alarm, alarms[:for_alarms]) if alarms else [Text(f" {UNKNOWN if self.trouble else 'none'}")]),
         ]
-        return [fit(line, width) for line in shown]
 
     def _rank(self, device: Device) -> tuple[bool, bool, str]:
         is_well = device.status(self.now_s) == "online"
@@ -194,16 +194,16 @@ class FleetScreen(Struct, frozen=True):
     def _device(self, device: Device) -> Text:
         status = device.status(self.now_s)
         figures = {"standing": len(device.standing), "unknown": len(device.unjudged), "unreadable": device.unreadable}
-        line = Text.assemble(
+        line = _line(
             " ",
-            fit(Text(device.name), 20),
+            f"{device.name:20.20}",
             (f" {status:8} ", _STYLES.get(status, _BAD)),
             f"{_age(device.newest_s, self.now_s)} ago".ljust(11),
-            fit(Text(device.info.version), 8),
+            f"{device.info.version:8.8}",
             *(self._target(device, name) for name in sorted(device.targets)),
             ("".join(f"  {count} {words}" for words, count in figures.items() if count), "bold"),
         )
-        return line if status == "online" and not self.trouble else Text(line.plain, _STALE)
+        return line if status == "online" and not self.trouble else _line((line.plain, _STALE))
 
     def _target(self, device: Device, name: str) -> Text:
         target = device.targets[name]
@@ -214,14 +214,19 @@ class FleetScreen(Struct, frozen=True):
         return Text(f"  {name} {figure} ({_age(target.at_s, self.now_s)} old)", _STALE)
 
     def _alarm(self, alarm: StandingAlarm) -> Text:
-        line = Text.assemble(
+        line = _line(
             (f" {alarm.severity or 'unknown':8}", _STYLES.get(alarm.severity or "", _BAD)),
             f" {alarm.device}/{alarm.rule}  since {_local_time(alarm.since)}  ",
             (" ".join(["UNACKNOWLEDGED"] * (not alarm.is_acknowledged) + [*alarm.inhibits]), "bold"),
             f"  {alarm.reason}",
         )
         is_fresh = not self.trouble and self.fleet.devices[alarm.device].status(self.now_s) == "online"
-        return line if is_fresh and not alarm.inhibits else Text(line.plain, _STALE)
+        return line if is_fresh and not alarm.inhibits else _line((line.plain, _STALE))
+
+
+def _line(*parts: str | Text | tuple[str, str]) -> Text:
+    """Return a text that is cut where the line ends."""
+    return Text.assemble(*parts, no_wrap=True, overflow="ellipsis")
 
 
 def _age(at_s: float | None, now_s: float) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import select
-import sys
 import termios
 import tty
 from collections.abc import Callable, Sequence
@@ -13,10 +12,7 @@ from typing import Self
 
 from msgspec import Struct, field
 
-from stadimeter.app.live.snapshot import RunSnapshot
 from stadimeter.app.loop import Loop
-from stadimeter.cli.formatting import METRE, LengthUnit, in_unit
-from stadimeter.core.words import one_line
 
 # While a run is paused, its view is drawn this often, for a window that changes its size.
 LOOK_EVERY_S = 0.2
@@ -29,22 +25,20 @@ class Keyboard:
     ever pressed. Ctrl-C and Ctrl-Z stay signals.
     """
 
-    def __init__(self, descriptor: int | None = None) -> None:
-        self._descriptor = _standard_input() if descriptor is None else descriptor
+    def __init__(self, descriptor: int = 0) -> None:
+        self._descriptor = descriptor
         self._before: list[object] | None = None
-        self._is_taken = False
 
     @property
     def is_there(self) -> bool:
         """True if keys can be pressed."""
-        return self._is_taken
+        return self._before is not None
 
     def __enter__(self) -> Self:
         """Take the terminal."""
         if self._is_ours():
             with suppress(termios.error):
                 self._before = termios.tcgetattr(self._descriptor)
-                self._is_taken = True
                 tty.setcbreak(self._descriptor, termios.TCSANOW)
         return self
 
@@ -54,47 +48,36 @@ class Keyboard:
 
     def restore(self) -> None:
         """Give the terminal back as it was, for good. May be called any number of times, and by a signal handler."""
-        self._is_taken = False
         if self._before is not None and self._is_ours():
             with suppress(termios.error):
                 termios.tcsetattr(self._descriptor, termios.TCSANOW, self._before)  # type: ignore[arg-type]
+        self._before = None
 
     def pressed(self, wait_s: float = 0.0) -> str:
         """Return the keys that were pressed since the last call, small letters; wait so long for one.
 
         An arrow or function key sends several characters that begin with Escape. They are no keys of ours.
         """
-        if not self._is_taken or not self._is_ours():
+        if not self.is_there or not self._is_ours():
             select.select([], [], [], wait_s)
             return ""
         try:
-            self._take_again()
+            if termios.tcgetattr(self._descriptor)[3] & termios.ICANON:  # Ctrl-Z gave it to a shell, which left it so
+                tty.setcbreak(self._descriptor, termios.TCSANOW)
             if not select.select([self._descriptor], [], [], wait_s)[0]:
                 return ""
             data = os.read(self._descriptor, 1024)
         except (OSError, termios.error):  # the terminal is gone
             data = b""
         if not data:
-            self._is_taken = False
+            self._before = None
         return "" if data.startswith(b"\x1b") else data.decode("ascii", "ignore").lower()
-
-    def _take_again(self) -> None:
-        """Ctrl-Z gave the terminal to a shell, which left it as shells do."""
-        if termios.tcgetattr(self._descriptor)[3] & termios.ICANON:
-            tty.setcbreak(self._descriptor, termios.TCSANOW)
 
     def _is_ours(self) -> bool:
         try:
             return os.tcgetpgrp(self._descriptor) == os.getpgrp()
         except OSError:  # no terminal
             return False
-
-
-def _standard_input() -> int:
-    try:
-        return sys.stdin.fileno()
-    except (AttributeError, OSError, ValueError):  # closed, or none that the system knows
-        return -1
 
 
 class Key(Struct, frozen=True, kw_only=True):
@@ -170,24 +153,3 @@ class RunKeys(Struct):
 
     def _pause(self) -> None:
         self.is_paused = not self.is_paused
-
-
-class Shown(Struct, frozen=True, kw_only=True):
-    """A snapshot with its display options.
-
-    Attributes:
-        keys: The keys that do something; None if the view is no more than looked at.
-        is_paused: Whether a key holds the run up.
-        is_explained: Whether the screen is explained instead of shown.
-    """
-
-    snapshot: RunSnapshot
-    title: str
-    unit: LengthUnit = METRE
-    keys: Sequence[Key] | None = None
-    is_paused: bool = False
-    is_explained: bool = False
-
-    def words(self, text: str) -> str:
-        """Return a text as it is shown: on one line, in the unit."""
-        return one_line(in_unit(text, self.unit))

@@ -7,20 +7,22 @@ import json
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.ending import end_with_input, stopping_on_signals
+from stadimeter.app.live.health import peak_memory_mb, percentile
+from stadimeter.app.live.history import RunHistory
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.cli.exits import DONE, ConfigArgument, configuration_path, plain_errors
 from stadimeter.cli.keyboard import RunKeys
 from stadimeter.cli.run_services import RunOptions, open_services, start_service
-from stadimeter.cli.viewing import Showing, View, in_words, live_or_plain, show, summarise
+from stadimeter.cli.viewing import Showing, View, live_or_plain, show
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.measurement import TrackStatus
 from stadimeter.detectors.protocol import ProposesColour
@@ -241,9 +243,48 @@ def _say_end(loop: Loop, showing: Showing) -> None:
         typer.echo(json.dumps(summary))
     else:
         advice = (*_never_seen(loop, summary["tracks"]), *loop.parts.cycle.perceiver.motion_blur.advice())
-        typer.echo("\n".join([in_words(summary), *advice]))
+        typer.echo("\n".join([_in_words(summary), *advice]))
     if showing.last and not loop.services.is_restart_due:
         typer.echo(f"\n{showing.last}")
+
+
+def summarise(history: RunHistory, ending: str) -> dict[str, Any]:
+    """Return the figures of a run, as ``run --json`` prints them: counts, and times in milliseconds."""
+    return {
+        "ended": ending,
+        "cycles": history.cycles,
+        "frames": history.frames,
+        "tracks": {target: dict(counts) for target, counts in history.track_statuses.items()},
+        "events": dict(history.event_counts),
+        "data_age_ms": _milliseconds(history.data_ages_s),
+        "cycle_ms": _milliseconds(history.cycle_times_s),
+        "first_command_s": None if history.first_command_s is None else round(history.first_command_s, 3),
+        "peak_memory_mb": round(peak_memory_mb(), 1),
+    }
+
+
+def _in_words(summary: dict[str, Any]) -> str:
+    """Return the figures of a run as a few lines."""
+    lines = [f"Ended: {summary['ended'] or 'unknown'}. {summary['frames']} frames in {summary['cycles']} cycles."]
+    for target, counts in summary["tracks"].items():
+        lines.append(f"{target}: {_list_counts(counts)}.")
+    if summary["events"]:
+        lines.append(f"Events: {_list_counts(summary['events'])}.")
+    if summary["cycle_ms"]["p50"] is not None:
+        lines.append(
+            f"Cycle time: median {summary['cycle_ms']['p50']:.1f} ms, p95 {summary['cycle_ms']['p95']:.1f} ms."
+        )
+    return "\n".join(lines)
+
+
+def _list_counts(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items())
+
+
+def _milliseconds(seconds: Iterable[float]) -> dict[str, float | None]:
+    ordered = sorted(seconds)
+    shares = {name: percentile(ordered, share) for name, share in (("p50", 0.5), ("p95", 0.95))}
+    return {name: None if at_s is None else round(at_s * 1000, 3) for name, at_s in shares.items()}
 
 
 def _never_seen(loop: Loop, tracks: Mapping[str, Mapping[str, int]]) -> Iterator[str]:

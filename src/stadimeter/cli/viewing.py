@@ -1,4 +1,4 @@
-"""Views of a run while it goes on (the live view, lines, or troubles alone), and its summary at the end."""
+"""Views of a run while it goes on: the live view, lines, or troubles alone."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ import queue
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal
 
 import typer
 from msgspec import Struct
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.live.health import peak_memory_mb, percentile
-from stadimeter.app.live.history import RunHistory
 from stadimeter.app.live.snapshot import looked_at
 from stadimeter.app.loop import Loop
+from stadimeter.app.watching import live_feed
 from stadimeter.cli.formatting import (
     format_best,
     format_distance,
@@ -30,15 +29,12 @@ from stadimeter.cli.formatting import (
     in_unit,
     length_unit,
 )
+from stadimeter.cli.keyboard import RunKeys
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.decision import Event, RuleStatus, RuleTrace, SafetyMode
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.measurement import Track
 from stadimeter.core.words import one_line
-
-if TYPE_CHECKING:
-    from stadimeter.cli.keyboard import RunKeys
-
 
 # Rules that do nothing are not named in each line.
 SILENT = frozenset({RuleStatus.IDLE, RuleStatus.UNKNOWN})
@@ -82,27 +78,23 @@ class PlainView:
             self._looked_at = looked_at(record)
         if self._started_s is None:
             self._started_s = self._due_s = now_s
-        self._narrate(now_s)
         for event in record.decision.events:
             self._line(event.at_s, _event_words(event))
-        self._say_trouble(now_s)
+        self._tell_changes(now_s)
         if now_s < self._due_s - 1e-9:
             return
         self._line(now_s, "  ".join(self._words(record)))
         missed = int((now_s - self._due_s) / self._every_s + 1e-9) if self._every_s > 0 else 0
         self._due_s += (missed + 1) * self._every_s
 
-    def _narrate(self, now_s: float) -> None:
-        words = self._narration()
-        if words and words != self._narrated:
-            self._line(now_s, f"> {words}")
-        self._narrated = words
-
-    def _say_trouble(self, now_s: float) -> None:
-        trouble = self._trouble()
+    def _tell_changes(self, now_s: float) -> None:
+        """Write what happens in a simulated world, and what is wrong outside the loop, where that has changed."""
+        narrated, trouble = self._narration(), self._trouble()
+        if narrated and narrated != self._narrated:
+            self._line(now_s, f"> {narrated}")
         if trouble != self._said:
             self._line(now_s, trouble or f"resolved: {self._said}")
-        self._said = trouble
+        self._narrated, self._said = narrated, trouble
 
     def _line(self, at_s: float, words: str) -> None:
         shown = in_unit(words, self._unit)
@@ -180,9 +172,9 @@ def live_or_plain() -> View:
 def show(loop: Loop, showing: Showing) -> Iterator[None]:
     """Show a run until the context ends."""
     if showing.view == "live":
-        from stadimeter.cli.live_view import live_view_of  # noqa: PLC0415 - it takes long, and few runs show it
+        from stadimeter.cli.live_view import LiveView  # noqa: PLC0415 - it takes long, and few runs show it
 
-        live = live_view_of(loop, showing.title, showing.unit, showing.keys)
+        live = LiveView(showing.title, live_feed(loop), unit=showing.unit, keys=showing.keys)
         with showing.keys.keyboard, _feed(loop, live.update, live):
             yield
         return
@@ -192,7 +184,7 @@ def show(loop: Loop, showing: Showing) -> Iterator[None]:
             every_s=math.inf if loop.services.service is not None else 1.0,  # a service's output may go to a disk
             unit=showing.unit,
             trouble=loop.trouble,
-            narration=narration_of(loop),
+            narration=loop.parts.world.narration if loop.parts.world is not None else str,
         )
         with _feed(loop, plain.update):
             yield
@@ -222,11 +214,6 @@ def _feed(
             typer.echo(f"warning: {thread.dropped} cycles were not shown: the terminal did not keep up", err=True)
 
 
-def narration_of(loop: Loop) -> Callable[[], str]:
-    """Return a function that says in a sentence what happens in a run's simulated world: nothing, if there is none."""
-    return loop.parts.world.narration if loop.parts.world is not None else str
-
-
 def _tell_trouble(loop: Loop) -> Callable[..., None]:
     """Return a listener that writes to standard error what is wrong outside the loop, once for each change."""
     said = [""]
@@ -254,12 +241,12 @@ class ViewThread:
     """
 
     def __init__(
-        self, update: Callable[[CycleRecord], None], screen: AbstractContextManager[object] | None = None
+        self, update: Callable[[CycleRecord], None], screen: AbstractContextManager[object] = _NO_SCREEN
     ) -> None:
         self.dropped = 0
         self.failure: BaseException | None = None
         self._update = update
-        self._screen = screen or nullcontext()
+        self._screen = screen
         self._waiting: queue.Queue[CycleRecord | None] = queue.Queue(WAITING_MAX)
         self._thread = threading.Thread(target=self._run, name="view", daemon=True)
 
@@ -292,42 +279,3 @@ class ViewThread:
                     self._update(record)
         except BaseException as error:  # noqa: BLE001 - the loop raises it, in its own thread
             self.failure = error
-
-
-def summarise(history: RunHistory, ending: str) -> dict[str, Any]:
-    """Return the figures of a run, as ``run --json`` prints them: counts, and times in milliseconds."""
-    return {
-        "ended": ending,
-        "cycles": history.cycles,
-        "frames": history.frames,
-        "tracks": {target: dict(counts) for target, counts in history.track_statuses.items()},
-        "events": dict(history.event_counts),
-        "data_age_ms": _milliseconds(history.data_ages_s),
-        "cycle_ms": _milliseconds(history.cycle_times_s),
-        "first_command_s": None if history.first_command_s is None else round(history.first_command_s, 3),
-        "peak_memory_mb": round(peak_memory_mb(), 1),
-    }
-
-
-def in_words(summary: dict[str, Any]) -> str:
-    """Return the figures of a run as a few lines."""
-    lines = [f"Ended: {summary['ended'] or 'unknown'}. {summary['frames']} frames in {summary['cycles']} cycles."]
-    for target, counts in summary["tracks"].items():
-        lines.append(f"{target}: {_list_counts(counts)}.")
-    if summary["events"]:
-        lines.append(f"Events: {_list_counts(summary['events'])}.")
-    if summary["cycle_ms"]["p50"] is not None:
-        lines.append(
-            f"Cycle time: median {summary['cycle_ms']['p50']:.1f} ms, p95 {summary['cycle_ms']['p95']:.1f} ms."
-        )
-    return "\n".join(lines)
-
-
-def _list_counts(counts: dict[str, int]) -> str:
-    return ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items())
-
-
-def _milliseconds(seconds: Iterable[float]) -> dict[str, float | None]:
-    ordered = sorted(seconds)
-    shares = {name: percentile(ordered, share) for name, share in (("p50", 0.5), ("p95", 0.95))}
-    return {name: None if at_s is None else round(at_s * 1000, 3) for name, at_s in shares.items()}
