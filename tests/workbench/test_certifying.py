@@ -282,7 +282,7 @@ def test_the_frame_rate_is_the_cameras_and_the_latency_is_the_age_of_a_measured_
     site: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     camera = OldPictures(ball_at(1.0))
-    monkeypatch.setattr(site_module, "source_beside_run", lambda *_: Source(capture=camera, is_live=True))
+    monkeypatch.setattr(site_module.frame_source, "source_beside_run", lambda *_: Source(capture=camera, is_live=True))
     placed = take(site, 1.0, for_s=APART_S * MIN_FRAMES)
     assert placed.rate_hz == pytest.approx(EVERY / APART_S)
     assert placed.latency_s is not None

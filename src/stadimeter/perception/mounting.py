@@ -159,11 +159,18 @@ def look_at(pictures: Sequence[Image], lens: CameraModel, hidden: Sequence[NDArr
         lens: The camera model at their resolution.
         hidden: Outlines in their pixels of what does not belong to the background, such as targets.
     """
-    planes, small = average_in_two(pictures, lens)
-    scale = small.width_px / lens.width_px
+    scale = min(1.0, WIDTH_MAX_PX / lens.width_px)
+    small = lens.scaled_to(round(lens.width_px * scale), round(lens.height_px * scale))
+    size, scale = (small.width_px, small.height_px), small.width_px / lens.width_px
+    greys = [
+        cv2.resize(cv2.cvtColor(each, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA) for each in pictures
+    ]
+    planes = [np.asarray(np.mean(greys[half::2], axis=0), np.float32) for half in (0, 1)]
     sharpness, alike = _sharpness(*planes)
     mask = np.where(alike > ALIKE_MIN, 255, 0).astype(np.uint8)
-    cover(mask, hidden, scale, 0)
+    for outline in hidden:  # with a rim around it
+        x, y, width, height = cv2.boundingRect((outline * scale).astype(np.float32))
+        cv2.rectangle(mask, (x - RIM_PX, y - RIM_PX), (x + width + RIM_PX, y + height + RIM_PX), 0, -1)
     found, bits = _find_features(np.mean(planes, axis=0).astype(np.uint8), mask)
     features, slope = np.zeros(len(found), FEATURE), -1.0
     if found:
@@ -176,27 +183,6 @@ def look_at(pictures: Sequence[Image], lens: CameraModel, hidden: Sequence[NDArr
         change = float(np.median(_sharpness(*blurred)[0][row, column] - features["sharpness"]))
         slope = min(change / TRIED_BLUR_PX2, -0.1)
     return BackgroundView(data=features.tobytes(), focal_px=small.fx_px, blur_slope=slope)
-
-
-def average_in_two(pictures: Sequence[Image], lens: CameraModel) -> tuple[list[Plane], CameraModel]:
-    """Return the means of every other picture, in grey as they are looked at, and of the rest; and the lens for them.
-
-    Args:
-        lens: The camera model at the pictures' resolution.
-    """
-    scale = min(1.0, WIDTH_MAX_PX / lens.width_px)
-    size = (round(lens.width_px * scale), round(lens.height_px * scale))
-    greys = [
-        cv2.resize(cv2.cvtColor(each, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA) for each in pictures
-    ]
-    return [np.asarray(np.mean(greys[half::2], axis=0), np.float32) for half in (0, 1)], lens.scaled_to(*size)
-
-
-def cover(plane: NDArray[Any], hidden: Sequence[NDArray[np.float64]], scale: float, value: float) -> None:
-    """Draw a value over what does not belong to the background, and over a rim around it: outlines times a scale."""
-    for outline in hidden:
-        x, y, width, height = cv2.boundingRect((outline * scale).astype(np.float32))
-        cv2.rectangle(plane, (x - RIM_PX, y - RIM_PX), (x + width + RIM_PX, y + height + RIM_PX), value, -1)
 
 
 def keep_still(views: Sequence[BackgroundView]) -> BackgroundView:

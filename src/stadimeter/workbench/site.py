@@ -16,22 +16,12 @@ from statistics import fmean, median
 
 from msgspec.structs import replace
 
+from stadimeter.app import mounting
 from stadimeter.app.bootstrap import build
 from stadimeter.app.capture import Capture
 from stadimeter.app.certificate import Certificate, Reliance, Site, load_certificate, save_certificate
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.detectors import build_detectors
-from stadimeter.app.mounting import (
-    MOMENTS,
-    ON_ROBOT,
-    PICTURES,
-    MountingReference,
-    judge_by,
-    keep_apart,
-    load_reference,
-    make_reference,
-    save_reference,
-)
 from stadimeter.app.places import CERTIFICATE, PLACEMENTS
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.config.files import CONFIGURATION_MAX_BYTES
@@ -47,28 +37,10 @@ from stadimeter.core.words import length
 from stadimeter.errors import CalibrationError, ConfigError, EndOfFramesError, StadimeterError, StateError
 from stadimeter.perception.mounting import Judgement, look_at
 from stadimeter.perception.perceiver import Perceiver
+from stadimeter.ranging import site_fit
 from stadimeter.ranging.similar_triangles import farthest_m
-from stadimeter.ranging.site_fit import (
-    RELIABLE_RATE,
-    RELIABLE_SHARE,
-    SIGMAS_95,
-    WANTED_SCALE,
-    Placement,
-    SiteFit,
-    find_reach,
-    fit_site,
-    further_place_m,
-    read_placement,
-)
-from stadimeter.workbench.frame_source import (
-    SETTLING_WAIT_S,
-    Source,
-    choice_of,
-    is_same_camera,
-    list_cameras,
-    open_source,
-    source_beside_run,
-)
+from stadimeter.ranging.site_fit import SIGMAS_95, Placement
+from stadimeter.workbench import frame_source
 from stadimeter.workbench.measuring import Measuring
 
 # How many distances are proposed, from which on, and up to where if no rule says.
@@ -100,15 +72,15 @@ HTML = ".certificate.html"
 # The view of the camera --------------------------------------------------------------------------------------------
 
 
-def save_view(configuration: Configuration) -> tuple[Path, MountingReference]:
+def save_view(configuration: Configuration) -> tuple[Path, mounting.MountingReference]:
     """Save the view that a camera has now, as that of its mounting; return the file and what is in it.
 
     Raises:
         StadimeterError: The view has too little to go by, the camera gives no picture, or the file cannot be written.
     """
-    frames, lens, targets = _look(configuration, PICTURES * MOMENTS)
-    reference = make_reference(frames, lens, targets)
-    return save_reference(configuration.path, reference), reference
+    frames, lens, targets = _look(configuration, mounting.PICTURES * mounting.MOMENTS)
+    reference = mounting.make_reference(frames, lens, targets)
+    return mounting.save_reference(configuration.path, reference), reference
 
 
 def check_view(configuration: Configuration) -> Judgement:
@@ -117,13 +89,14 @@ def check_view(configuration: Configuration) -> Judgement:
     Raises:
         StadimeterError: No view was saved, it is of another camera, or the camera gives no picture.
     """
-    reference = load_reference(configuration.path)
+    reference = mounting.load_reference(configuration.path)
     if reference is None:
         raise StateError(f"{configuration.path}: no view of its camera was saved; `stadimeter site save` does")
-    frames, lens, targets = _look(configuration, PICTURES)
+    frames, lens, targets = _look(configuration, mounting.PICTURES)
     if why := reference.why_not_for(frames[0], lens):
         raise CalibrationError(why)
-    return judge_by(reference, configuration, lens).judge(look_at([each.image for each in frames], lens, targets))
+    view = look_at([each.image for each in frames], lens, targets)
+    return mounting.judge_by(reference, configuration, lens).judge(view)
 
 
 def _look(configuration: Configuration, count: int) -> tuple[list[Frame], CameraModel, list[Points]]:
@@ -131,12 +104,12 @@ def _look(configuration: Configuration, count: int) -> tuple[list[Frame], Camera
     if configuration.camera_model is None:
         raise ConfigError("no camera file: say in [camera] model = which lens the camera has")
     if configuration.base is not None:
-        raise ConfigError(f"there is no view to save: {ON_ROBOT}")
-    source, frames = source_beside_run(configuration.camera, configuration.path, None), list[Frame]()
+        raise ConfigError(f"there is no view to save: {mounting.ON_ROBOT}")
+    source, frames = frame_source.source_beside_run(configuration.camera, configuration.path, None), list[Frame]()
     try:
         source.settle()
         while len(frames) < count:
-            frames = keep_apart(frames, source.capture.latest(SETTLING_WAIT_S))
+            frames = mounting.keep_apart(frames, source.capture.latest(frame_source.SETTLING_WAIT_S))
     except EndOfFramesError:
         raise CalibrationError(f"the recording ends before {count} pictures") from None
     finally:
@@ -193,14 +166,14 @@ class SiteSession:
         """Return where one more placement makes the scale surest; nothing where that need not be, or cannot be."""
         placements = [each for each in self.certificate.placements if each.is_read]
         try:
-            fit = fit_site(placements)
+            fit = site_fit.fit_site(placements)
         except CalibrationError:
             return []
-        if fit.least_scale <= WANTED_SCALE or len(self.certificate.placements) >= PROPOSED + MAX_FURTHER:
+        if fit.least_scale <= site_fit.WANTED_SCALE or len(self.certificate.placements) >= PROPOSED + MAX_FURTHER:
             return []
         near, far = (STEPS_PER_M * each for each in (self._near_m(FURTHER_FROM_M), placements[-1].tape_m))
         left_m = self._left_m(range(math.ceil(near - 1e-9), math.floor(far + 1e-9) + 1))
-        return [further_place_m(placements, fit, left_m)] if left_m else []
+        return [site_fit.further_place_m(placements, fit, left_m)] if left_m else []
 
     def _near_m(self, least_m: float) -> float:
         """Return the nearest distance at which the target is whole in the picture, with a tenth of room."""
@@ -245,17 +218,17 @@ class SiteSession:
         save_certificate(self.site.configuration.path, self.certificate, PLACEMENTS)
         return placed
 
-    def _source(self, true_m: float, pictures: Path | None) -> Source:
+    def _source(self, true_m: float, pictures: Path | None) -> frame_source.Source:
         configuration = self.site.configuration
         if pictures is not None:
             options = load_driver(CAMERAS, "images").model_validate({"paths": [str(pictures)]})
-            return open_source(DriverChoice(name="camera", driver="images", options=options))
+            return frame_source.open_source(DriverChoice(name="camera", driver="images", options=options))
         if not self.is_simulated:
-            return source_beside_run(configuration.camera, configuration.path, None)
+            return frame_source.source_beside_run(configuration.camera, configuration.path, None)
         parts = build(configuration, speed=None)
         if parts.world is not None:
             parts.world.place_target(*parts.world.in_world_m(0.0, true_m))
-        return Source(capture=parts.capture, is_live=True)  # the first frames show it on its way
+        return frame_source.Source(capture=parts.capture, is_live=True)  # the first frames show it on its way
 
     def _others(self, tape_m: float) -> list[Placement]:
         return [each for each in self.certificate.placements if abs(each.tape_m / tape_m - 1) > SAME_SHARE]
@@ -291,7 +264,7 @@ class SiteSession:
             exposure_s=last.exposure_s,
             reason=reason,
         )
-        return read_placement(placed, seen, edge_px)
+        return site_fit.read_placement(placed, seen, edge_px)
 
     def finish(self, *, correct: bool = False) -> Certificate:
         """Write the certificate and its page from all placements, save the view, and return the certificate.
@@ -340,26 +313,30 @@ class SiteSession:
 
 
 def _fitted(certificate: Certificate) -> Certificate:
-    fit = fit_site([each for each in certificate.placements if each.is_read])
-    return replace(certificate, fit=fit, reach=find_reach(certificate.placements, fit))
+    fit = site_fit.fit_site([each for each in certificate.placements if each.is_read])
+    return replace(certificate, fit=fit, reach=site_fit.find_reach(certificate.placements, fit))
 
 
 def _frames(capture: Capture, for_s: float) -> Iterator[Frame]:
     """Yield the frames of some seconds; of a recording as far as it goes."""
     try:
-        frame = first = capture.latest(SETTLING_WAIT_S)
+        frame = first = capture.latest(frame_source.SETTLING_WAIT_S)
         for count in range(MAX_FRAMES):
             if frame.captured_at_s - first.captured_at_s > for_s and count >= MIN_FRAMES:
                 return
             yield frame
-            frame = capture.latest(SETTLING_WAIT_S)
+            frame = capture.latest(frame_source.SETTLING_WAIT_S)
     except EndOfFramesError:
         return
 
 
 def _camera_name(choice: DriverChoice) -> str:
     """Return the camera's name and the path that stays right, which has its serial number where it has one."""
-    same = (each for each in list_cameras() if is_same_camera(choice_of(each), choice))
+    same = (
+        each
+        for each in frame_source.list_cameras()
+        if frame_source.is_same_camera(frame_source.choice_of(each), choice)
+    )
     return next((f"{each.name}, {each.path}" for each in same), choice.driver)
 
 
@@ -374,9 +351,12 @@ ALIKE = (
 )
 CORRECT = "If that is right, certify again with --correct, which writes the focal length times"
 RELIABLE = (
-    f"an error within {RELIABLE_SHARE:.0%} in 95 of 100 readings, the target seen in {RELIABLE_RATE:.0%} of frames"
+    f"an error within {site_fit.RELIABLE_SHARE:.0%} in 95 of 100 readings, the target seen in"
+    f" {site_fit.RELIABLE_RATE:.0%} of frames"
 )
-MORE = f"An error of the scale of {WANTED_SCALE:.1%} might go unnoticed so far: further distances make it surer."
+MORE = (
+    f"An error of the scale of {site_fit.WANTED_SCALE:.1%} might go unnoticed so far: further distances make it surer."
+)
 ODDS = (
     "False alarm: one reading begins the condition while the target is a deadband outside of the threshold. Miss: one"
     " reading does not begin it a deadband inside. A run filters readings, and its delays forgive single ones."
@@ -472,7 +452,7 @@ def _paragraphs(sentences: Iterable[str]) -> Iterator[str]:
     return (f"<p>{escape(each)}</p>" for each in sentences)
 
 
-def _bias_chart(fit: SiteFit, seen: Sequence[Placement]) -> str:
+def _bias_chart(fit: site_fit.SiteFit, seen: Sequence[Placement]) -> str:
     """Draw the bias with its 95 % interval over the distance, and the placements with theirs, as SVG."""
     near_m, far_m = seen[0].true_m, seen[-1].true_m
     biases = [(at_m, *fit.bias_m(at_m)) for at_m in (near_m + (far_m - near_m) * step / 40 for step in range(41))]
