@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.cli import calibrate_board
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError
-from stadimeter.workbench.frame_source import Source
+from stadimeter.workbench import frame_source
+from stadimeter.workbench.frame_source import SETTLING_FRAMES, Source
 from support.command_line import Typed, typed
 from support.scenes.draw import CAMERA, TAG_M
 from support.scenes.on_floor import ball_on_floor, tag_lying
@@ -127,7 +127,7 @@ class Held:
     def __init__(self, pictures: list[Path], ending: BaseException, frames_each: int = 3) -> None:
         images = [cv2.imread(str(picture)) for picture in pictures]
         self._images = [image for image in images for _ in range(frames_each)]
-        self._ending = ending
+        self._ending, self._settling = ending, SETTLING_FRAMES
         self._count = 0
         self.is_open = False
 
@@ -136,6 +136,9 @@ class Held:
 
     def latest(self, timeout_s: float) -> Frame:
         assert self.is_open
+        if self._settling:
+            self._settling -= 1
+            return Frame(self._images[0], 0.0, 0)
         if self._count == 2:
             self._count += 1
             raise CaptureTimeoutError("no new frame in 0.50 s")
@@ -160,7 +163,7 @@ def held(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Held]:
 
     def make(pictures: list[Path], ending: BaseException) -> Held:
         camera = Held(pictures, ending)
-        monkeypatch.setattr(calibrate_board, "open_source", lambda _: Source(capture=camera, is_live=True))
+        monkeypatch.setattr(frame_source, "open_source", lambda _: Source(capture=camera, is_live=True))
         return camera
 
     return make

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, NoReturn
@@ -16,15 +16,14 @@ from msgspec.structs import replace
 from stadimeter.cli.exits import DONE, NOT_FOUND, count_items, plain_errors, say_note, working
 from stadimeter.cli.target_options import (
     LiveOption,
-    camera_choice,
     check_one_source,
     give_up,
+    live_camera,
     parse_known_length,
     tell_written,
 )
 from stadimeter.config.camera_file import save_camera_model, save_stereo_rig
 from stadimeter.core.camera_model import ToneCurve
-from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.board_calibration import VIEWS_ENOUGH, BoardCalibration, calibrate_board
 from stadimeter.ranging.stereo import straight_ahead_share
@@ -39,7 +38,7 @@ from stadimeter.workbench.calibration.board_session import (
     find_boards,
     today,
 )
-from stadimeter.workbench.frame_source import Source, open_source
+from stadimeter.workbench.frame_source import Source
 from stadimeter.workbench.picture_metadata import check_lens_settings
 from stadimeter.workbench.stereo import find_board_pairs, pair_pictures
 
@@ -120,9 +119,7 @@ def stereo(
         for side in zip(*pairs, strict=True):
             for note in check_lens_settings(side):
                 say_note(note)
-        found = find_board_pairs(
-            pairs, wanted, lambda paths: count_items(paths, "looking for the board in pictures", len(paths))
-        )
+        found = find_board_pairs(pairs, wanted, _watched)
         for left, right, reason in found.missed:
             typer.echo(f"left out: {left}, {right}: {reason}", err=True)
         with working("calibrating"):
@@ -132,6 +129,10 @@ def stereo(
         tell_written(output, partial(save_stereo_rig, rig=rig), partial(_tell_stereo, made))
     all_used = not found.missed and not any(each.why_left_out for each in made.pairs)
     raise typer.Exit(DONE if all_used else NOT_FOUND)
+
+
+def _watched(paths: Sequence[Path]) -> Iterable[Path]:
+    return count_items(paths, "looking for the board in pictures", len(paths))
 
 
 def _tell_stereo(made: StereoCalibration) -> None:
@@ -248,9 +249,7 @@ def _from_pictures(pictures: Sequence[Path], wanted: Board) -> tuple[BoardCalibr
     """Return the calibration that pictures give, and whether all of them were used."""
     for note in check_lens_settings(pictures):
         say_note(note)
-    found = find_boards(
-        pictures, wanted, lambda paths: count_items(paths, "looking for the board in pictures", len(paths))
-    )
+    found = find_boards(pictures, wanted, _watched)
     for picture, reason in found.missed:
         typer.echo(f"left out: {picture}: {reason}", err=True)
     if not found.views:
@@ -349,60 +348,33 @@ SAY_EVERY_S = 2.0
 
 
 def views_from_camera(live: str, board: Board) -> BoardSession:
-    """Take views until they are enough, the camera's frames end, or Ctrl-C is pressed.
-
-    Args:
-        live: ``--live``: a configuration, whose camera is taken, or a camera driver such as ``opencv,device=0``.
-
-    Returns:
-        The views that were taken, perhaps none.
-
-    Raises:
-        ConfigError: There is no such configuration or driver.
-        DriverError: The camera cannot be opened.
-        CalibrationError: The camera changes its resolution.
-    """
-    source = open_source(camera_choice(live))
-    session = BoardSession(board, date=today(), must_be_steady=source.is_live)
-    source.capture.open()
-    try:
-        for remark in source.capture.remarks():
-            say_note(remark)
+    """Return the views that were taken until they are enough, the camera's frames end, or Ctrl-C is pressed."""
+    with live_camera(live) as source:
+        session = BoardSession(board, date=today(), must_be_steady=source.is_live)
         if source.is_live:
             typer.echo("move the board about, tilt it, and hold it still for a moment each time; Ctrl-C ends it")
-        _collect(source, session)
-    except KeyboardInterrupt:
-        typer.echo(f"stopped with {len(session.views)} views", err=True)
-    finally:
-        source.capture.close()
+        try:
+            _collect(source, session)
+        except KeyboardInterrupt:
+            typer.echo(f"stopped with {len(session.views)} views", err=True)
     return session
 
 
 def _collect(source: Source, session: BoardSession) -> None:
-    teller = _Teller(is_live=source.is_live)
+    """Report each view that is taken at once, and now and then why none is; of a recording, every frame."""
+    said, said_at_s = "", -math.inf
     for frame in source.frames(say_note):
-        teller.tell(frame, session.look(frame), session)
+        why_not = session.look(frame)
+        if not why_not:
+            said = ""
+            _tell_view(session)
+        elif not source.is_live:
+            typer.echo(f"left out: {frame.source or f'frame {frame.sequence}'}: {why_not}", err=True)
+        elif why_not != said and frame.captured_at_s >= said_at_s + SAY_EVERY_S:
+            said, said_at_s = why_not, frame.captured_at_s
+            typer.echo(f"          {why_not}")
         if session.is_done:
             return
-
-
-class _Teller:
-    """Reports each view that was taken at once, and now and then why none is; of a recording, every frame."""
-
-    def __init__(self, *, is_live: bool) -> None:
-        self._is_live = is_live
-        self._said = ""
-        self._said_at_s = -math.inf
-
-    def tell(self, frame: Frame, why_not: str, session: BoardSession) -> None:
-        if not why_not:
-            self._said = ""
-            _tell_view(session)
-        elif not self._is_live:
-            typer.echo(f"left out: {frame.source or f'frame {frame.sequence}'}: {why_not}", err=True)
-        elif why_not != self._said and frame.captured_at_s >= self._said_at_s + SAY_EVERY_S:
-            self._said, self._said_at_s = why_not, frame.captured_at_s
-            typer.echo(f"          {why_not}")
 
 
 def _tell_view(session: BoardSession) -> None:

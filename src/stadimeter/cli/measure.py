@@ -361,8 +361,8 @@ def measure(
             at=known_at,
         )
         if rig is not None:
-            raise typer.Exit(work.pairs(images or [], rig, copies, explain=explain))
-        code = work.frames(camera_choice(live), name) if live else work.files(images or [], copies, explain=explain)
+            raise typer.Exit(work.pairs(images or [], rig, copies))
+        code = work.frames(camera_choice(live), name) if live else work.files(images or [], copies)
     raise typer.Exit(code)
 
 
@@ -471,25 +471,20 @@ class _Work(Struct, frozen=True, kw_only=True):
     at: tuple[float, float] | None = None
     proposed: set[str] = field(default_factory=set)  # targets for which other options have been proposed
 
-    def files(self, files: Sequence[Path], copies: Path | None, *, explain: bool) -> int:
+    def files(self, files: Sequence[Path], copies: Path | None) -> int:
         """Measure pictures and videos one after the other, and return the worst of their exit codes."""
         for note in profile_notes(files):
             say_note(note)
         paths = copy_paths([each for each in files if not is_video_file(each)], copies)
         return max(
-            self.frames(_video(each), str(each))
-            if is_video_file(each)
-            else self.picture(each, paths.get(each), explain=explain)
+            self.frames(_video(each), str(each)) if is_video_file(each) else self._picture(each, paths.get(each))
             for each in _with_progress(files)
         )
 
-    def picture(self, image: Path, copy: Path | None, *, explain: bool) -> int:
-        """Measure one picture, print what was found, write its copy, and return the exit code that it asks for."""
-        return self._report(
-            measuring.measure_picture(image, self.targets, self.camera_model, self.wanted.mount), copy, explain=explain
-        )
+    def _picture(self, image: Path, copy: Path | None) -> int:
+        return self._report(measuring.measure_picture(image, self.targets, self.camera_model, self.wanted.mount), copy)
 
-    def pairs(self, files: Sequence[Path], rig: StereoRig, copies: Path | None, *, explain: bool) -> int:
+    def pairs(self, files: Sequence[Path], rig: StereoRig, copies: Path | None) -> int:
         """Measure pairs of pictures of two cameras, and return the worst of their exit codes."""
         from stadimeter.workbench.stereo import PairMeasuring, pair_pictures  # noqa: PLC0415 - one camera needs none
 
@@ -497,19 +492,24 @@ class _Work(Struct, frozen=True, kw_only=True):
         for note in profile_notes(files):
             say_note(note)
         paths = copy_paths([left for left, _ in pairs], copies)
-        return max(
-            self._report(measure_pair.measure(*pair), paths.get(pair[0]), explain=explain)
-            for pair in _with_progress(pairs)
-        )
+        return max(self._report(measure_pair.measure(*pair), paths.get(pair[0])) for pair in _with_progress(pairs))
 
-    def _report(self, result: PictureResult, copy: Path | None, *, explain: bool) -> int:
+    def _report(self, result: PictureResult, copy: Path | None) -> int:
+        """Print what was found, with what would help, and write the copy; return the exit code."""
         code = self._printed(result)
         for words in (
             *colour_notes(result, self.wanted.choices, self.proposed),
             *measuring.remedy_notes(result, self.wanted.choices, self.camera_model, self.proposed),
         ):
             say_note(words)
-        return max(code, _write_copy(result, copy, self.wanted.unit, explain=explain)) if copy else code
+        if copy is not None and result.frame is not None:
+            marks = marks_of(result, self.wanted.unit, explain=self.printer.explain)
+            try:
+                write_picture(copy, annotate(result.frame.image, marks))
+            except PictureError as error:
+                typer.echo(f"error: {error}", err=True)
+                return WRONG
+        return code
 
     def frames(self, choice: DriverChoice, name: str) -> int:
         """Measure the frames of a video or a camera until they end or Ctrl-C; 0 if any shows all targets."""
@@ -542,17 +542,6 @@ class _Work(Struct, frozen=True, kw_only=True):
         if self.between is not None and result.frame is not None:
             self.printer.separation(result, self.between, self.measuring.between(result, self.between))
         return max(EXIT_CODES[each.measurement.status] for each in result.targets)
-
-
-def _write_copy(result: PictureResult, path: Path, unit: LengthUnit, *, explain: bool) -> int:
-    if result.frame is None:
-        return DONE
-    try:
-        write_picture(path, annotate(result.frame.image, marks_of(result, unit, explain=explain)))
-    except PictureError as error:
-        typer.echo(f"error: {error}", err=True)
-        return WRONG
-    return DONE
 
 
 def _with_progress(images: Sequence[_T]) -> Iterable[_T]:

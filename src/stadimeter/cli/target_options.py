@@ -372,8 +372,9 @@ def live_camera(live: str) -> Iterator[Source]:
     """Give the camera of ``--live``, open and settled, and note its remarks; close it afterwards."""
     from stadimeter.workbench.frame_source import open_camera  # noqa: PLC0415 - loads the rules; pictures need none
 
+    choice = camera_choice(live)
     typer.echo("opening the camera …", err=True)
-    with open_camera(camera_choice(live)) as source:
+    with open_camera(choice) as source:
         for words in source.capture.remarks():
             say_note(words)
         yield source
