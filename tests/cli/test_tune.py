@@ -1,4 +1,4 @@
-"""The commands ``tune``, ``what-if``, ``teach`` and ``test``."""
+"""The commands ``tune`` and ``test``."""
 
 from __future__ import annotations
 
@@ -10,107 +10,16 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from stadimeter.cli.main import app
-from stadimeter.workbench.tuning import proposing as tuning
-from stadimeter.workbench.tuning import proposing as tuning_candidates
 from support.false_alarm import BY_S, CONFIGURATION, STAYED_S, record
 from support.noisy_journal import KnownNoise, write_noisy_journal
 from support.simulated_run import SIMULATED_BALL
 
-# The command ``tune``.
-
-NOISY_RULES = """
-[camera]
-driver = "simulated"
-[camera.model]
-width_px = 640
-height_px = 480
-fx_px = 1000.0
-[targets.ball]
-detector = "ideal"
-[world]
-path = [{ at = "0 s", x = "2 m", y = "0 m" }]
-[rules.near]
-when = { below = "2 m", deadband = "5 cm" }
-[rules.gone]
-when = { lost = true }
-"""
-
-
-@pytest.fixture
-def config(tmp_path):
-    path = tmp_path / "rules.toml"
-    path.write_text(NOISY_RULES)
-    return path
-
-
-@pytest.fixture
-def quick(monkeypatch):
-    monkeypatch.setattr(tuning, "FRAMES_A_CLEARANCE", 300)
-    monkeypatch.setattr(tuning, "CLEARANCES", (-1.5, 0.0, 1.0, 2.0, 3.0, 3.5))
-    monkeypatch.setattr(tuning_candidates, "PROBABILITIES", (0.5, 0.7, 0.9, 0.99))
-    monkeypatch.setattr(tuning_candidates, "OFF_DELAYS_S", (0.0, 1.0))
-    monkeypatch.setattr(tuning, "CROSSINGS", 4)
-    monkeypatch.setattr(tuning, "HOVER_FRAMES", 300)
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    return write_noisy_journal(tmp_path_factory.mktemp("tune") / "quiet.jsonl", lambda _: 3.0, KnownNoise(), seconds=40)
-
-
-def run(*arguments):
-    return CliRunner().invoke(app, ["tune", *(str(each) for each in arguments)])
-
-
-@pytest.mark.long
-def test_where_no_setting_keeps_to_what_was_asked_for_none_is_proposed(config, tmp_path, quick):
-    hovering = write_noisy_journal(tmp_path / "hovering.jsonl", lambda _: 2.0, KnownNoise(), seconds=40)
-    done = run("near", hovering, "--config", config)
-    assert done.exit_code == 1
-    assert "so none is proposed" in done.output
-    assert "within one standard deviation of the threshold" in done.output
-    assert "For [rules.near]" not in done.output
-    assert "→" not in done.output
-    assert json.loads(run("near", hovering, "--config", config, "--json").stdout)["toml"] == []
-
-
-@pytest.mark.long
-def test_the_lines_for_the_rule_and_what_they_rest_on_are_printed(config, recording, quick):
-    done = run("near", recording, "--config", config)
-    assert done.exit_code == 0, done.output
-    lines = done.output.splitlines()
-    begin = lines.index("For [rules.near]:")
-    assert lines[begin + 1].startswith('when = { below = "2 m", probability = 0.5, deadband_sigmas = ')
-    assert lines[begin + 1].endswith(', deadband = "0.05 m" }')
-    assert lines[begin + 2] == 'on_delay = "0 s"'
-    assert lines[begin + 3].startswith('off_delay = "')
-    assert "The recordings alone support no better than" in done.output
-    assert "For 1 a day, record 72 h without a true alarm." in done.output
-    assert "the figures are extrapolated" in done.output
-    assert "Noise: ±" in done.output
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["neer"], "did you mean 'near'?"),
-        (["gone"], "only such alarms can be tuned"),
-        (["near", "--closing-speed", "2"], "has no unit"),
-        (["near", "--event", "soon"], "not a number with a unit"),
-    ],
-)
-def test_what_cannot_be_tuned_is_said(config, recording, quick, arguments, says):
-    done = run(arguments[0], recording, "--config", config, *arguments[1:])
-    assert done.exit_code == 2
-    assert says in done.output
-
-
-# The commands ``what-if`` and ``teach``.
+# The command ``tune``: marks, settings of one's own, and recordings alone.
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    found = tmp_path_factory.mktemp("teach")
+    found = tmp_path_factory.mktemp("tune")
     record(found, 1_700_000_000.0)
     return found
 
@@ -120,8 +29,8 @@ def invoked(folder: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(folder)
     Path("stadimeter.toml").write_text(CONFIGURATION)
 
-    def invoke(*arguments: str) -> Result:
-        return CliRunner().invoke(app, [*arguments, "--config", "stadimeter.toml"])
+    def invoke(*arguments: object) -> Result:
+        return CliRunner().invoke(app, ["tune", *map(str, arguments), "--config", "stadimeter.toml"])
 
     return invoke
 
@@ -132,32 +41,66 @@ MARKS = ("--mark", f"{RUN}@{BY_S}s no", "--mark", f"{RUN}@{STAYED_S}s fire")
 
 @pytest.mark.long
 def test_another_threshold_is_tried_and_nothing_is_changed(invoked):
-    done = invoked("what-if", "near", RUN, "--set", 'below="80 cm"')
+    done = invoked("near", RUN, "--set", 'below="80 cm"')
     assert done.exit_code == 0, done.output
-    assert "below: 80 cm; it was 1.00 m (3.3 ft)" in done.output
+    assert "below 80 cm (was" in done.output
     assert "near would have fired 2 times in 4 minutes of 1 recording: 0 of them new, 2 of yours missed." in done.output
     assert Path("stadimeter.toml").read_text() == CONFIGURATION
 
 
 @pytest.mark.long
-def test_marks_are_met_and_saved_with_a_test_that_passes(invoked):
-    done = invoked("teach", "near", *MARKS, "--write")
+def test_one_of_the_few_that_meet_marks_is_saved_with_a_test_that_passes(invoked):
+    done = invoked("near", *MARKS, "--save", "1")
     assert done.exit_code == 0, done.output
     assert "with 1 test" in done.output
     assert CliRunner().invoke(app, ["test", "stadimeter.toml"]).exit_code == 0
 
 
 @pytest.mark.long
+def test_programs_get_what_each_would_have_done(invoked):
+    found = json.loads(invoked("near", *MARKS, "--json").stdout)
+    assert found["as_it_is"]["changes"] == {}
+    changed = [set(each["changes"]) for each in found["proposals"]]
+    assert {"on_delay"} in changed
+    assert not any(one < other for one in changed for other in changed), "none changes more than it needs"
+
+
+@pytest.mark.long
+def test_without_marks_delays_and_deadband_are_found_that_end_false_alarms(invoked, tmp_path):
+
+    def flutter(at_s: float) -> float:
+        """Return where a target is that comes by for a moment every ten seconds, and once to stay."""
+        return 0.8 if 40 < at_s < 50 or at_s % 10 < 0.3 else 1.2
+
+    fluttering = write_noisy_journal(tmp_path / "fluttering.jsonl", flutter, KnownNoise())
+    as_it_is, *others = figures(invoked("near", fluttering))
+    assert as_it_is["false"] >= 5
+    assert others[0] == {"alarms": 1, "false": 0}, "the visit alone"
+    nothing = invoked("near", RUN)
+    assert nothing.exit_code == 1
+    assert "Nothing that was tried is better" in nothing.output
+
+
+def figures(done: Result) -> list[dict[str, int]]:
+    """Return the counts of each numbered row of the table, and of the rule as it is."""
+    assert done.exit_code == 0, done.output
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in done.output.splitlines() if "│" in line]
+    return [{"alarms": int(row[2]), "false": int(row[5])} for row in rows if row[2]]
+
+
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["teach", "near", "--mark", f"{RUN}@93s no", "--mark", f"{RUN}@31.5s fire"], "contradict each other"),
-        (["teach", "near", "--mark", f"{RUN}@93s"], "is no mark"),
-        (["what-if", "near", RUN, "--set", "blow=1 m"], "did you mean 'below'"),
+        (["--mark", f"{RUN}@93s no", "--mark", f"{RUN}@31.5s fire"], "contradict each other"),
+        (["--mark", f"{RUN}@93s"], "is no mark"),
+        ([RUN, "--set", "blow=1 m"], "did you mean 'below'"),
+        ([RUN, "--set", 'below="80 cm"', "--save", "2"], "there are only 1"),
+        ([], "name a recording"),
     ],
 )
 def test_what_is_wrong_is_said(invoked, arguments, says):
-    done = invoked(*arguments)
+    done = invoked("near", *arguments)
     assert done.exit_code == 2
     assert says in " ".join(done.output.split())
 

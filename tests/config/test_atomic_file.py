@@ -209,7 +209,7 @@ LOOKS = {
     "workbench/doctor/computer.py": "a finding",
     "workbench/doctor/examined.py": "a finding",
     "workbench/frame_source.py": "why there is no picture",
-    "workbench/server/teaching.py": "which files are recordings; reading fails by itself",
+    "workbench/server/tuning.py": "which files are recordings; reading fails by itself",
     "workbench/saving.py": "under the lock of every saver, or a list of what is kept",
     "workbench/server/setup_desk.py": "the answers are replaced, never removed",
     "workbench/setup/interview.py": "a word about a version that was just kept",

@@ -1,12 +1,27 @@
 """A recording decided again and compared, as the command ``replay`` does it."""
 
-from stadimeter.workbench.replay.comparison import Comparison
+from typing import NamedTuple
+
+from stadimeter.cli.replay import Difference, Replay
+from stadimeter.core.decision import Event
 from stadimeter.workbench.replay.replay import decisions
+from stadimeter.workbench.trial import Trial
+
+
+class Compared(NamedTuple):
+    """The cycles of a replay, how many of them are as recorded, and the events now and then."""
+
+    cycles: int
+    identical: int
+    events: list[Event]
+    recorded_events: list[Event]
+    differences: list[Difference]
 
 
 def replay(recording, plan):
     """Return how decisions by a plan compare with the recorded ones."""
-    comparison = Comparison()
-    for replayed in decisions(recording, plan):
-        comparison.add(*replayed)
-    return comparison.result
+    found, recorded = Replay(trial=Trial(plan=plan)), []
+    for cycle, observation, decision in decisions(recording, plan):
+        found.add(cycle, observation, decision)
+        recorded += cycle.decision().events
+    return Compared(found.trial.cycles, found.identical, found.trial.events, recorded, found.differences)

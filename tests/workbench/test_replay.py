@@ -24,10 +24,8 @@ from stadimeter.core.persistence import snapshot_alarms
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule, OnDelay
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.comparison import ReplayDiff, SideBySide, compare
 from stadimeter.workbench.replay.replay import ReplayRun, decisions, read_recording
-from stadimeter.workbench.replay.replay_figures import Stay, Tally, stays
-from stadimeter.workbench.replay.what_if import KeptRecording, judged_apart
+from stadimeter.workbench.trial import KeptRecording, SideBySide, Stay, Trial, compare, judged_apart, stays
 from support.observing import Rehearsal
 from support.random_runs import whole_run
 from support.recordings import records_of
@@ -205,12 +203,12 @@ def tallied(rules, distances_m):
     class Tallied(Rehearsal):
         def cycle(self, observation):
             decision = super().cycle(observation)
-            tally.add(observation, decision)
+            trial.add(observation, decision)
             return decision
 
-    tally = Tally(rules)
+    trial = Trial(plan=rules)
     Tallied(rules, frame_s=FRAME_S).see(*distances_m)
-    return tally
+    return trial
 
 
 def way(*legs):
@@ -285,7 +283,7 @@ def seconds(count):
 
 def test_the_moment_of_a_crossing_is_found_between_frames_and_without_delay():
     distances_m = [2.0 - 1.0 * at_s for at_s in seconds(40)]
-    (stay,) = stays(seconds(40), distances_m, DistanceCondition(below=1.123))
+    (stay,) = stays(seconds(40), distances_m, (-math.inf, 1.123))
     assert stay == Stay(pytest.approx(0.877, abs=1e-6), pytest.approx(39 * FRAME_S), is_entered=True)
 
 
@@ -295,7 +293,7 @@ def test_the_moment_of_a_crossing_is_found_between_frames_and_without_delay():
 )
 def test_stays_are_in_order_apart_and_within_what_was_measured(distances_m, gaps_s):
     at_s = [sum(gaps_s[: number + 1]) for number in range(len(distances_m))]
-    found = stays(at_s, distances_m, DistanceCondition(below=3.0, above=1.0))
+    found = stays(at_s, distances_m, (1.0, 3.0))
     bounds_s = [bound_s for stay in found for bound_s in (stay.from_s, stay.to_s)]
     assert bounds_s == sorted(bounds_s)
     assert all(at_s[0] <= bound_s <= at_s[-1] for bound_s in bounds_s)
@@ -307,12 +305,12 @@ def test_stays_are_in_order_apart_and_within_what_was_measured(distances_m, gaps
 )
 def test_every_event_is_counted_once(old_s, new_s):
     def raised(times_s):
-        tally = Tally(plan_of_alarm())
-        tally.events = [
+        trial = Trial(plan=plan_of_alarm())
+        trial.events = [
             Event(kind=EventKind.RAISED, source="near", at_s=at_s, severity=Severity.ALARM, reason="")
             for at_s in times_s
         ]
-        return tally
+        return trial
 
     diff = compare(raised(old_s), raised(new_s))
     count = {name: sum(change.change == name for change in diff.changes) for name in ("added", "lost", "moved")}
@@ -347,11 +345,14 @@ when = {{ below = "1.5 m" }}
 when = {{ rule = "near" }}
 on_delay = "3 s"
 [rules.apart]
-when = {{ above = "2 m" }}
+when = {{ below = "{apart_below} m", deadband = "{apart_deadband} m" }}
+on_delay = "{apart_on_delay} s"
+off_delay = "{apart_off_delay} s"
 {more}
 """
 BASE = '[base]\ndriver = "simulated"'
-AS_IT_IS = {"below": 1.0, "deadband": 0.0, "on_delay": 0.0, "off_delay": 1.0, "more": ""}
+SETTINGS = {"below": 1.0, "deadband": 0.0, "on_delay": 0.0, "off_delay": 1.0}
+AS_IT_IS = {**SETTINGS, **{f"apart_{key}": value for key, value in SETTINGS.items()}, "more": ""}
 
 
 def load(folder: Path, **changes: object) -> Configuration:
@@ -385,52 +386,37 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> KeptRecording:
     return found
 
 
-def replayed(kept: KeptRecording, new: Configuration) -> tuple[ReplayDiff, SideBySide]:
-    """Return what ``replay --config NEW --diff OLD`` compares."""
-    beside = SideBySide(ReplayRun(kept.recording, kept.configuration), ReplayRun(kept.recording, new))
-    beside.go_on(math.inf)
-    return beside.difference(), beside
-
-
-def without_counts(diff: ReplayDiff) -> list[str]:
-    """Return the changes without the count of each event, which goes on over those of rules that were not judged."""
-    return sorted(repr(replace(each, event=replace(each.event, sequence=0))) for each in diff.changes)
-
-
 @pytest.mark.long
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
+    rule=st.sampled_from(["near", "long", "apart"]),
     below=st.sampled_from([0.6, 0.9, 1.0, 1.3, 2.0]),
     deadband=st.sampled_from([0.0, 0.2]),
     on_delay=st.sampled_from([0.0, 0.5, 2.0]),
     off_delay=st.sampled_from([0.0, 1.0, 3.0]),
 )
-def test_it_is_what_a_replay_says(kept: KeptRecording, **changes: float) -> None:
+def test_a_rule_judged_again_does_what_a_replay_says(kept: KeptRecording, rule: str, **changes: float) -> None:
+    changes = {f"apart_{key}" if rule == "apart" else key: value for key, value in changes.items()}
     new = load(kept.configuration.path.parent, **changes)
-    after = kept.decide_with(new.plan)
-    diff, beside = replayed(kept, new)
-    found = compare(kept.side.tally, after.tally)
-    assert without_counts(found) == without_counts(diff)
-    assert (found.rules, found.same, found.minutes) == (diff.rules, diff.same, diff.minutes)
-    assert {name: lane.spans for name, lane in after.rules.items()} == {
-        name: lane.spans for name, lane in beside.new.rules.items()
-    }
+    after = kept.with_plan(new.plan, rule)
+    beside = SideBySide(ReplayRun(kept.recording, kept.configuration), ReplayRun(kept.recording, new))
+    beside.go_on(math.inf)
+    assert kept.trial.spans("near") == beside.old.spans("near")
+    assert after.spans(rule) == beside.new.spans(rule)
+    found, expected = (
+        [replace(event, sequence=0) for event in each.events if event.source == rule] for each in (after, beside.new)
+    )
+    assert found == expected
+    assert [each for each in after.figures() if each.rule == rule] == [
+        each for each in beside.new.figures() if each.rule == rule
+    ]
 
 
-@pytest.mark.long
-def test_only_what_depends_on_a_changed_rule_is_judged_again(kept: KeptRecording) -> None:
-    new = load(kept.configuration.path.parent, below=2.0)
-    names = [new.plan.rules[each].name for each in judged_apart(kept.configuration.plan, new.plan) or ()]
-    assert names == ["near", "first", "long"], "itself, one of its group, and one that asks for it"
-
-
-@pytest.mark.long
-def test_where_it_is_not_certain_everything_is_decided_again(kept: KeptRecording) -> None:
-    more = '[rules.follow]\nfollow = { distance = "1 m" }\nactuator = "base"\nwhen = { rule = "near" }\n' + BASE
-    folder = kept.configuration.path.parent
-    old, new = load(folder, more=more), load(folder, more=more, below=1.3)
-    assert judged_apart(old.plan, new.plan) is None
-    again = KeptRecording(recording=kept.recording, configuration=old)
-    again.go_on(math.inf)
-    diff, _ = replayed(again, new)
-    assert compare(again.side.tally, again.decide_with(new.plan).tally).changes == diff.changes
+def test_where_it_is_not_certain_everything_is_decided_again(tmp_path: Path) -> None:
+    plan = load(tmp_path).plan
+    assert judged_apart(plan, "apart") == (3,), "it asks for no other"
+    assert judged_apart(plan, "near") == (0, 1), "it is in a group"
+    assert judged_apart(plan, "long") == (0, 1, 2), "it asks for one that is in a group"
+    follow = '[rules.follow]\nfollow = { distance = "1 m" }\nactuator = "base"\n'
+    more = f'{follow}[rules.driving]\nwhen = {{ rule = "follow" }}\n{BASE}'
+    assert judged_apart(load(tmp_path, more=more).plan, "driving") is None

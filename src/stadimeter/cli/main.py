@@ -47,9 +47,7 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "test": "Run the tests of a configuration. Nothing is opened and nothing moves.",
         "explain": "Explain why a rule acts, or why it does not.",
         "replay": "Run rules over a recording. Nothing is opened and nothing moves.",
-        "what-if": "Say what an alarm with other thresholds or delays would have done on recordings.",
-        "teach": "Propose the smallest change of an alarm by marks in recordings: should have fired, or not.",
-        "tune": "Propose the probability, delays and hysteresis of an alarm, from recordings.",
+        "tune": "Find thresholds, delays and deadband of an alarm by recordings, and say what each would have done.",
         "schema": "Print a JSON Schema of configurations, for editors that complete and check while you write.",
     },
     "Operate a running instance": {
@@ -75,8 +73,6 @@ _PLACES = {
     "schema": "check:schema",
     "wiring": "print_target:wiring",
     "explain": "explain:explain_command",
-    "what-if": "teach:what_if_command",
-    "teach": "teach:teach_command",
     "tune": "tune:tune_command",
     "status": "operate:status",
     "events": "events:events",
@@ -97,6 +93,8 @@ def place_of(name: str) -> tuple[str, str]:
 
 # What was a command once, and what to do in its place.
 GONE = {
+    "what-if": "`stadimeter tune RULE RECORDING --set KEY=VALUE` tries other settings of an alarm",
+    "teach": "`stadimeter tune RULE --mark MARK` finds settings that meet marks; `--save 1` saves the first",
     "locate": "`stadimeter measure PICTURE --where --config CONFIG` prints where the camera was",
     "certify": "`stadimeter site certify` does it",
     "mounting": "`stadimeter site save`, `site check` and `site confirm` do it",

@@ -6,27 +6,19 @@ import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from statistics import median
 from typing import Annotated, Any
 
 import typer
-from msgspec import Struct
+from msgspec import Struct, field
 
 from stadimeter.app.exact_json import plain
-from stadimeter.app.recordings.journal import Journal, JournalWriter
+from stadimeter.app.recordings.journal import Journal, JournalWriter, RecordedCycle
 from stadimeter.cli.exits import NOT_FOUND, plain_errors, working
 from stadimeter.config.files import sha256_of
-from stadimeter.core.decision import Event
+from stadimeter.core.decision import Decision, Event
+from stadimeter.core.observation import Observation
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.comparison import (
-    AgainTally,
-    Comparison,
-    EventChange,
-    MeasuredAgain,
-    ReplayDiff,
-    ReplayResult,
-    RuleChange,
-    compare,
-)
 from stadimeter.workbench.replay.replay import (
     AnyRecording,
     Replayed,
@@ -35,7 +27,7 @@ from stadimeter.workbench.replay.replay import (
     read_recording,
     replay_run,
 )
-from stadimeter.workbench.replay.replay_figures import RuleFigures, Tally
+from stadimeter.workbench.trial import EventChange, RuleChange, RuleFigures, Trial, TrialDiff, compare
 
 
 def replay(
@@ -82,50 +74,119 @@ def replay(
         new = replay_run(source, config, from_images=from_images)
         old = replay_run(source, diff, from_images=from_images) if diff is not None else None
         with working("replaying"):
-            outcome = _replay(new, old, journal)
-        if not outcome.result.cycles:
+            found = replay_beside(new, old, journal)
+        if not found.trial.cycles:
             raise JournalError(f"{recording} holds no whole cycle, so there is nothing to replay")
-    result = outcome.result
-    for warning in _warnings(source, new, result):
+    for warning in _warnings(source, new, found):
         typer.echo(f"warning: {warning}", err=True)
     same_rules = sha256_of(new.configuration.text) == source.header.configuration_sha256
     if as_json:
-        typer.echo(json.dumps(_figures(outcome, same_rules=same_rules)))
-    elif outcome.diff is not None:
-        typer.echo("\n".join([*diff_lines(outcome.diff), *again_lines(outcome.again)]))
+        typer.echo(json.dumps(_figures(found, same_rules=same_rules)))
     else:
-        typer.echo("\n".join(_lines(outcome, same_rules=same_rules)))
-    if strict and result.identical != result.cycles:
+        typer.echo("\n".join(_lines(found, same_rules=same_rules)))
+    if strict and found.identical != found.trial.cycles:
         raise typer.Exit(NOT_FOUND)
 
 
-class _Outcome(Struct, frozen=True):
-    """The results of a replay; those that were not asked for are None, or empty."""
-
-    result: ReplayResult
-    diff: ReplayDiff | None
-    again: tuple[MeasuredAgain, ...]
+# At most this many decisions that differ are shown field by field.
+SHOWN_DIFFERENCES = 10
 
 
-def _replay(new: ReplayRun, old: ReplayRun | None, journal: Path | None) -> _Outcome:
-    before = _tally(old) if old is not None else None
-    comparison, after, again = Comparison(), Tally(new.configuration.plan), AgainTally()
+class Difference(Struct, kw_only=True):
+    """A cycle, counted from 0, in which parts of the decision are not the recorded ones."""
+
+    cycle: int
+    now_s: float
+    what: tuple[str, ...]
+
+
+class MeasuredAgain(Struct, frozen=True, kw_only=True):
+    """One target in the pictures of a recording.
+
+    Attributes:
+        frames: Pictures in which it was looked for again.
+        found_before: Those of them in which it was measured when they were recorded.
+        found_again: Those of them in which it is measured now.
+        differs_median_m: Median difference of the two distances; None if it was never measured both times.
+    """
+
+    target: str
+    frames: int
+    found_before: int
+    found_again: int
+    differs_median_m: float | None = None
+    differs_most_m: float | None = None
+
+
+class Replay(Struct, kw_only=True):
+    """A replay beside its recording.
+
+    Attributes:
+        trial: What is decided now; None without cycles.
+        identical: Cycles in which the decision was the recorded one, to the last bit.
+        frames: Cycles with a frame; of a replay from pictures, with one whose picture was recorded.
+        diff: What other rules change; None if that was not asked for.
+    """
+
+    trial: Trial
+    identical: int = 0
+    differences: list[Difference] = field(default_factory=list)
+    frames: int = 0
+    recorded_frames: int = 0
+    targets: set[str] = field(default_factory=set)
+    diff: TrialDiff | None = None
+    _pairs: dict[str, list[tuple[float | None, float | None]]] = field(default_factory=dict)
+
+    def add(self, cycle: RecordedCycle, observation: Observation, decision: Decision) -> None:
+        """Add one cycle; raises JournalError if the recorded one is damaged."""
+        recorded = cycle.decision()
+        if decision == recorded:
+            self.identical += 1
+        elif len(self.differences) < SHOWN_DIFFERENCES:
+            names = [name for name in Decision.__struct_fields__ if name != "reasons"]
+            what = tuple(name for name in names if getattr(decision, name) != getattr(recorded, name))
+            self.differences.append(Difference(cycle=self.trial.cycles, now_s=observation.now_s, what=what))
+        self.trial.add(observation, decision)
+        self.recorded_frames += cycle.has_frame()
+        if observation.frame is not None:
+            self.frames += 1
+            self.targets.update([measured.target for measured in observation.measurements])
+
+    def add_again(self, before: Observation, again: Observation) -> None:
+        """Add what was observed in a cycle when it was recorded, and what is measured in it again."""
+        before_m = {measured.target: measured.distance_m for measured in before.measurements}
+        for measured in again.measurements:
+            pair = before_m.get(measured.target), measured.distance_m
+            self._pairs.setdefault(measured.target, []).append(pair)
+
+    def measured_again(self) -> Iterator[MeasuredAgain]:
+        """Yield how each target that was measured again compares."""
+        for target, pairs in self._pairs.items():
+            apart_m = [abs(again - before) for before, again in pairs if before is not None and again is not None]
+            yield MeasuredAgain(
+                target=target,
+                frames=len(pairs),
+                found_before=sum(before is not None for before, _ in pairs),
+                found_again=sum(again is not None for _, again in pairs),
+                differs_median_m=median(apart_m) if apart_m else None,
+                differs_most_m=max(apart_m, default=None),
+            )
+
+
+def replay_beside(new: ReplayRun, old: ReplayRun | None = None, journal: Path | None = None) -> Replay:
+    """Replay a recording; with other rules, compare the two; write what is decided to a journal, if there is one."""
+    found = Replay(trial=Trial(plan=new.configuration.plan))
     with _open_journal(new, journal) as replayed:
         for cycle, observation, decision in replayed:
-            comparison.add(cycle, observation, decision)
-            if before is not None:
-                after.add(observation, decision)
+            found.add(cycle, observation, decision)
             if new.from_images:
-                again.add(cycle.observation(), observation)
-    diff = compare(before, after) if before is not None else None
-    return _Outcome(comparison.result, diff, again.targets())
-
-
-def _tally(run: ReplayRun) -> Tally:
-    tally = Tally(run.configuration.plan)
-    for _, observation, decision in run:
-        tally.add(observation, decision)
-    return tally
+                found.add_again(cycle.observation(), observation)
+    if old is not None:
+        before = Trial(plan=old.configuration.plan)
+        for _, observation, decision in old:
+            before.add(observation, decision)
+        found.diff = compare(before, found.trial)
+    return found
 
 
 @contextmanager
@@ -156,42 +217,42 @@ def _writing(run: ReplayRun, writer: JournalWriter) -> Iterator[Replayed]:
         yield replayed
 
 
-def _warnings(source: AnyRecording, run: ReplayRun, result: ReplayResult) -> Iterator[str]:
+def _warnings(source: AnyRecording, run: ReplayRun, found: Replay) -> Iterator[str]:
     if source.is_cut_off():
         end = "the last line is cut off" if isinstance(source, Journal) else "its end is missing"
-        yield f"{source.path}: {end}; the {result.cycles} whole cycles are used"
-    missing = sorted(set(run.configuration.plan.targets) - result.targets)
-    if result.frames and missing:
+        yield f"{source.path}: {end}; the {found.trial.cycles} whole cycles are used"
+    missing = sorted(set(run.configuration.plan.targets) - found.targets)
+    if found.frames and missing:
         yield f"{source.path}: no frame was searched for {', '.join(repr(name) for name in missing)}"
-    if run.from_images and result.frames < result.recorded_frames:
+    if run.from_images and found.frames < found.recorded_frames:
         yield (
-            f"{source.path}: only {result.frames} of {result.recorded_frames} frames are recorded with their pictures; "
+            f"{source.path}: only {found.frames} of {found.recorded_frames} frames are recorded with their pictures; "
             "the others count as missing"
         )
 
 
-def _figures(outcome: _Outcome, *, same_rules: bool) -> dict[str, Any]:
-    result = outcome.result
+def _figures(found: Replay, *, same_rules: bool) -> dict[str, Any]:
     figures: dict[str, Any] = {
-        "cycles": result.cycles,
-        "identical": result.identical,
+        "cycles": found.trial.cycles,
+        "identical": found.identical,
         "same_configuration": same_rules,
-        "events": [plain(event) for event in result.events],
-        "differences": [plain(difference) for difference in result.differences],
+        "events": [plain(event) for event in found.trial.events],
+        "differences": [plain(difference) for difference in found.differences],
     }
-    if outcome.diff is not None:
-        figures["diff"] = outcome.diff.record()
-    if outcome.again:
-        figures["measured_again"] = [plain(target) for target in outcome.again]
+    if found.diff is not None:
+        figures["diff"] = found.diff.record()
+    if again := [plain(target) for target in found.measured_again()]:
+        figures["measured_again"] = again
     return figures
 
 
-def _lines(outcome: _Outcome, *, same_rules: bool) -> Iterator[str]:
-    yield from map(event_line, outcome.result.events)
-    if outcome.again:
-        yield from again_lines(outcome.again)
-    else:
-        yield from comparison_lines(outcome.result, same_rules=same_rules)
+def _lines(found: Replay, *, same_rules: bool) -> Iterator[str]:
+    again = list(_again_lines(found.measured_again()))
+    if found.diff is not None:
+        yield from (*_diff_lines(found.diff), *again)
+        return
+    yield from map(_event_line, found.trial.events)
+    yield from again or _comparison_lines(found, same_rules=same_rules)
 
 
 # At most this many events that changed are listed; ``--json`` has all of them.
@@ -208,20 +269,20 @@ _FIGURES: tuple[tuple[str, Callable[[RuleFigures], str]], ...] = (
 )
 
 
-def event_line(event: Event) -> str:
+def _event_line(event: Event) -> str:
     """Return an event in a line."""
     return f"{event.at_s:9.3f} s  {event.kind.value:<16} {event.source:<16} {event.reason}"
 
 
-def comparison_lines(result: ReplayResult, *, same_rules: bool) -> Iterator[str]:
+def _comparison_lines(found: Replay, *, same_rules: bool) -> Iterator[str]:
     """Return in lines how decisions compare with the recorded ones."""
     rules = "the configuration of the recording" if same_rules else "another configuration than the recording's"
-    yield f"{result.cycles} cycles, {result.identical} decisions identical, with {rules}."
-    for difference in result.differences:
+    yield f"{found.trial.cycles} cycles, {found.identical} decisions identical, with {rules}."
+    for difference in found.differences:
         yield f"differs at {difference.now_s:.3f} s (cycle {difference.cycle}): {', '.join(difference.what)}"
 
 
-def again_lines(targets: Iterable[MeasuredAgain]) -> Iterator[str]:
+def _again_lines(targets: Iterable[MeasuredAgain]) -> Iterator[str]:
     """Return in lines how what was measured again compares with what was recorded."""
     for target in targets:
         found = f"found in {target.found_again} of {target.frames} pictures, {target.found_before} when recorded"
@@ -232,7 +293,7 @@ def again_lines(targets: Iterable[MeasuredAgain]) -> Iterator[str]:
         yield f"{target.target}: {found}; difference of the distances: {apart}."
 
 
-def diff_lines(diff: ReplayDiff) -> Iterator[str]:
+def _diff_lines(diff: TrialDiff) -> Iterator[str]:
     """Describe what other rules change, in lines."""
     for change in diff.changes[:SHOWN_CHANGES]:
         yield _change_line(change)
@@ -245,7 +306,7 @@ def diff_lines(diff: ReplayDiff) -> Iterator[str]:
 
 def _change_line(change: EventChange) -> str:
     by = f"by {change.by_s:+.3f} s" if change.change == "moved" else ""
-    return f"{change.change:<5} {by:<14} {event_line(change.event)}"
+    return f"{change.change:<5} {by:<14} {_event_line(change.event)}"
 
 
 def _rule_lines(change: RuleChange) -> Iterator[str]:

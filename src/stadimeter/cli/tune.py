@@ -6,361 +6,157 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from stadimeter.app.recordings.journal import load_recorded
 from stadimeter.cli.exits import NOT_FOUND, plain_errors, working
-from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.config.units import parse_duration, parse_speed
-from stadimeter.core.clock import DAY_S
-from stadimeter.core.rule import OnDelay
-from stadimeter.core.words import rounded_duration
-from stadimeter.workbench.replay.replay import read_recording
-from stadimeter.workbench.tuning.noise import Series, series_of
-from stadimeter.workbench.tuning.proposing import (
-    FLAPS_A_MINUTE,
-    Beginning,
-    Ending,
-    Proposal,
-    Settings,
-    Tuned,
-    rule_to_tune,
-    tune,
-)
+from stadimeter.config.files import CONFIGURATION_MAX_BYTES, read_untrusted_text
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.words import figure_in_words
+from stadimeter.errors import ChangedMeanwhileError
+from stadimeter.workbench.rule_settings import RuleSetting, settings_of
+from stadimeter.workbench.saving import save_files
+from stadimeter.workbench.server.tuning import answer_fields
+from stadimeter.workbench.tune import FiringMark, Proposal, Tuning, in_words, parse_mark
 
-# A target that was at its threshold for this share of the time is reported: raises there look like false alarms.
-AT_THRESHOLD_TOLD = 0.05
+DEFAULT = Path("stadimeter.toml")
 
 
 def tune_command(
-    rule: Annotated[str, typer.Argument(metavar="RULE", help="The rule: an alarm on a distance.")],
+    rule: Annotated[str, typer.Argument(metavar="RULE", help="The alarm.")],
     recordings: Annotated[
-        list[Path], typer.Argument(metavar="RECORDING", help="What `run --journal` or `run --record` recorded.")
-    ],
-    config: Annotated[
-        Path | None,
-        typer.Option("--config", metavar="CONFIG", help="The configuration with the rule; else that of the recording."),
+        list[Path] | None, typer.Argument(metavar="RECORDING", help="What `run --journal` or `run --record` recorded.")
     ] = None,
-    false_alarms_per_day: Annotated[
-        float,
-        typer.Option("--false-alarms-per-day", min=1e-3, max=1e4, metavar="N", help="Accepted false alarms."),
-    ] = 1.0,
-    closing_speed: Annotated[
-        str, typer.Option("--closing-speed", metavar="SPEED", help="Speed of an approaching target, for latency.")
-    ] = "2 m/s",
-    events: Annotated[
+    marks: Annotated[
         list[str] | None,
-        typer.Option(
-            "--event",
-            metavar="TIME",
-            help='Time of a true alarm, such as "42 s" after the beginning of the recording, besides the times when '
-            "the target had clearly crossed the threshold. May be given more than once.",
-        ),
+        typer.Option("--mark", metavar="MARK", help='Such as "run.mcap@14.2s fire" or "run.mcap@14s..20s no".'),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Other random numbers.")] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object, with all that was tried.")] = False,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help='Try this alone, such as below="1.2 m" or off_delay="2 s".'),
+    ] = None,
+    config: Annotated[Path, typer.Option("--config", metavar="CONFIG", help="The configuration with the alarm.")] = (
+        DEFAULT
+    ),
+    save: Annotated[
+        int | None,
+        typer.Option("--save", min=1, metavar="N", help="Save this one, with a rule test; the former text is kept."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object, with all alarms.")] = False,
 ) -> None:
-    """Propose the probability, delays and hysteresis of an alarm, from recordings.
+    """Find thresholds, delays and deadband of an alarm by recordings, and say what each would have done.
 
-    Tries some dozens of settings on the noise of the recordings: false alarms a day while the target stands where it
-    mostly stood, latency for a target that approaches, chattering at the threshold, and the time until the alarm ends.
-    Proposes the settings with the least latency that keep to the wanted false alarms a day. States which rate the
-    recordings alone support, and which one rests on the noise going on as it was. Changes nothing by itself.
+    A mark is a moment or a span, in seconds from the beginning of its recording: the alarm should have fired there, or
+    not. With marks, the settings that meet them all are shown, those first that change the fewest other alarms, and the
+    fewest settings. Without, thresholds stay: delays and deadband are sought with which the alarm is raised whenever
+    the target truly crossed them, and never else. With --set, only that is tried. `new` and `missed` count the alarms
+    that it would have had and has not, and the other way round. Nothing is changed without --save.
 
     **Examples**
 
-    - `stadimeter tune near quiet.jsonl --false-alarms-per-day 1`
+    - `stadimeter tune near run.jsonl`
 
-    - `stadimeter tune near quiet.jsonl --config config/distance-alert.toml`
+    - `stadimeter tune near --mark "run.mcap@14.2s fire" --mark "run.mcap@61s no" --save 1`
 
-    **Exit code**: 0 done; 1 no setting keeps to the wanted rate, the best is printed; 2 an error in what was given.
+    - `stadimeter tune near run.mcap --set below="80 cm"`
+
+    **Exit code**: 0 done; 1 nothing that was tried is better; 2 marks that contradict each other, or another error.
     """
     with plain_errors():
-        speed_mps = _speed(closing_speed)
-        configuration = load_configuration(config) if config is not None else _recorded_configuration(recordings[0])
-        with working("reading the recording") as say:
-            tuned, series = _read(configuration, rule, recordings)
-            say(f"trying settings of '{rule}'")
-            proposal = tune(
-                tuned,
-                configuration.plan,
-                series,
-                wanted_a_day=false_alarms_per_day,
-                speed_mps=speed_mps,
-                events_s=_events(events or [], series),
-                seed=seed,
-            )
+        parsed = [parse_mark(each) for each in marks or ()]
+        paths = [*(Path(mark.recording) for mark in parsed), *(recordings or ())]
+        if not paths:
+            raise typer.BadParameter("name a recording, or a mark in one", param_hint="RECORDING")
+        tuning = _read(config, paths)
+        with working(f"trying settings of '{rule}'"):
+            as_it_is = tuning.propose(rule, {})
+            values = dict(_split(each) for each in changes or ())
+            proposals = [tuning.propose(rule, values)] if values else tuning.best(rule, parsed)
+            proposals = [each for each in proposals if each.values]
         if as_json:
-            typer.echo(json.dumps(_figures(proposal), ensure_ascii=False))
+            answers = [answer_fields(tuning, rule, each) for each in (as_it_is, *proposals)]
+            typer.echo(json.dumps({"as_it_is": answers[0], "proposals": answers[1:]}, ensure_ascii=False))
         else:
-            _tell(proposal, configuration)
-    if not proposal.is_reached:
+            _tell(tuning, rule, [as_it_is, *proposals])
+        if save is not None:
+            if save > len(proposals):
+                raise typer.BadParameter(f"there are only {len(proposals)}", param_hint="--save")
+            _save(tuning, rule, proposals[save - 1], parsed)
+    if not proposals:
         raise typer.Exit(NOT_FOUND)
 
 
-def _recorded_configuration(path: Path) -> Configuration:
-    return load_recorded(read_recording(path).header.recorded_configuration, path)
+def _read(config: Path, recordings: Sequence[Path]) -> Tuning:
+    configuration = load_configuration(config)
+    tuning = Tuning(configuration=configuration, text=read_untrusted_text(config, CONFIGURATION_MAX_BYTES))
+    for path in recordings:
+        tuning.add(str(path), path)
+    with working("reading the recordings"):
+        tuning.go_on(math.inf)
+    return tuning
 
 
-def _speed(text: str) -> float:
-    try:
-        speed_mps = parse_speed(text)
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="--closing-speed") from error
-    if speed_mps <= 0:
-        raise typer.BadParameter(f"{text!r} is not above zero", param_hint="--closing-speed")
-    return speed_mps
+def _split(change: str) -> tuple[str, str]:
+    key, equals, value = change.partition("=")
+    if not equals:
+        raise typer.BadParameter(f'{change!r} is not of the form below="1.2 m"', param_hint="--set")
+    return key.strip(), value.strip().strip('"')
 
 
-def _events(texts: Sequence[str], series: Sequence[Series]) -> list[float]:
-    if texts and len(series) > 1:
-        raise typer.BadParameter("with several recordings, it is not clear in which", param_hint="--event")
-    try:
-        return [_event_s(text, series[0]) for text in texts]
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="--event") from error
-
-
-def _event_s(text: str, series: Series) -> float:
-    after_s, lasts_s = parse_duration(text), float(series.times_s[-1] - series.times_s[0])
-    if after_s > lasts_s:
-        raise ValueError(f"{text!r} is after the end of the recording, which is {lasts_s:.1f} s long")
-    return float(series.times_s[0]) + after_s
-
-
-def _read(configuration: Configuration, name: str, paths: Sequence[Path]) -> tuple[Tuned, list[Series]]:
-    tuned = rule_to_tune(configuration, name)
-    condition = tuned.condition
-    series = [series_of(read_recording(path), condition.target, condition.quantity) for path in paths]
-    return rule_to_tune(configuration, name, _typical_m(series)), series
-
-
-def _typical_m(series: Sequence[Series]) -> float | None:
-    seen = sorted(figure_m for each in series for figure_m in each.figures_m.tolist() if math.isfinite(figure_m))
-    return seen[len(seen) // 2] if seen else None
-
-
-def _tell(proposal: Proposal, configuration: Configuration) -> None:
-    for line in _noise(proposal, configuration):
-        typer.echo(line)
-    console = Console()
-    console.print(_begin_table(proposal))
-    console.print(_end_table(proposal))
-    for line in (*_toml(proposal), *_tracking_toml(proposal, configuration), "", *_claims(proposal)):
-        typer.echo(line)
-
-
-def _noise(proposal: Proposal, configuration: Configuration) -> Iterator[str]:
-    noise, tuned, standing = proposal.noise, proposal.tuned, proposal.points
-    threshold_m, correlation = tuned.threshold_m, configuration.plan.tracking.autocorrelation
-    recorded, calm, quiet = map(rounded_duration, (noise.recorded_s, noise.calm_s, standing.quiet_s))
-    yield (
-        f"Recorded: {recorded}, {1 / noise.frame_s:.0f} frames a second; '{tuned.condition.target}' steady for {calm} "
-        f"of it. Without a true alarm: {quiet}, median distance {standing.median_m:.2f} m, "
-        f"{standing.clearances.min():.1f} standard deviations or more from the threshold {threshold_m:.2f} m."
-    )
-    yield (
-        f"Noise: ± {noise.true_m(threshold_m):.3f} m at {threshold_m:.2f} m, {noise.ratio:.2f} times what is stated; "
-        f"correlation from frame to frame {noise.correlation:.2f} ([tracking] has {correlation:.2f}); "
-        f"outliers {100 * noise.gross:.1f} % of measurements; no measurement in {100 * noise.missing:.1f} % of frames."
-    )
-
-
-def _begin_table(proposal: Proposal) -> Table:
-    table = Table(title="When it begins", title_justify="left")
-    for heading in ("", "probability", "on-delay"):
-        table.add_column(heading)
-    for heading in ("false alarms a day", "at most (95 %)", "in the recordings", "mean latency", "p95 latency"):
+def _tell(tuning: Tuning, rule: str, proposals: Sequence[Proposal]) -> None:
+    for each in proposals[0].answers:
+        damage = f"it is damaged: {each.kept.damage}" if each.kept.damage else ""
+        damage = damage or ("its end is missing" if each.kept.recording.is_cut_off() else "")
+        if damage:
+            typer.echo(f"{each.name}: {damage}; what was before that is used", err=True)
+    was = settings_of(tuning.configuration, rule)
+    table = Table()
+    table.add_column("")
+    table.add_column("settings")
+    for heading in ("alarms", "new", "missed", "false", "late at most"):
         table.add_column(heading, justify="right")
-    for each in worth_showing(proposal):
-        table.add_row(
-            _mark(proposal.is_reached and each is proposal.begin, each is proposal.beginnings[0]),
-            _probability(each.settings),
-            _on_delay_in_words(each.settings.on_delay),
-            _a_day(each.rate.a_day),
-            _a_day(each.rate.at_most_a_day),
-            str(each.recorded_raises),
-            f"{each.late_s:.3f} s",
-            f"{each.late_p95_s:.3f} s",
-        )
-    return table
+    for number, proposal in enumerate(proposals):
+        words = "\n".join(_settings(proposal, was)) or "as it is"
+        table.add_row(str(number or ""), words, *_counts(proposal))
+    Console().print(table)
+    if len(proposals) == 1:
+        typer.echo("Nothing that was tried is better than what is set.")
+    elif len(proposals) == 2:
+        typer.echo(in_words(rule, proposals[1].answers))
 
 
-def worth_showing(proposal: Proposal) -> list[Beginning]:
-    """Return the settings that no others beat in both figures, the rule's own and the proposed; earliest first."""
-    kept: list[Beginning] = []
-    least = float("inf")
-    for each in sorted(proposal.beginnings, key=lambda each: (each.late_s, each.rate.a_day)):
-        is_best = each.rate.a_day < least
-        if is_best or each is proposal.begin or each is proposal.beginnings[0]:
-            kept.append(each)
-        least = min(least, each.rate.a_day)
-    return kept
+def _settings(proposal: Proposal, was: dict[str, RuleSetting]) -> Iterator[str]:
+    for key, value in proposal.values.items():
+        now = value if isinstance(value, str) else _figure(value, was[key].unit)
+        yield f"{key} {now} (was {_figure(was[key].value, was[key].unit)})"
 
 
-def _end_table(proposal: Proposal) -> Table:
-    table = Table(title="When it ends", title_justify="left")
-    for heading in ("", "hysteresis", "off-delay"):
-        table.add_column(heading)
-    for heading in ("chatters a minute at the threshold", "ends after"):
-        table.add_column(heading, justify="right")
-    for each in sorted(proposal.endings, key=lambda each: (each.settings.deadband_sigmas, each.settings.off_delay_s)):
-        table.add_row(
-            _mark(proposal.is_reached and each is proposal.end, each is proposal.endings[0]),
-            f"{each.settings.deadband_sigmas:g} σ",
-            f"{each.settings.off_delay_s:g} s",
-            f"{each.flaps_a_minute:.2f}",
-            f"{each.ends_after_s:.2f} s",
-        )
-    return table
+def _figure(value: float, unit: str) -> str:
+    return figure_in_words(value, unit) if unit else f"{value:g}"
 
 
-def _mark(is_proposed: bool, is_own: bool) -> str:
-    return "→" if is_proposed else "as it is" if is_own else ""
+def _counts(proposal: Proposal) -> Iterator[str]:
+    figures = [each.figures for each in proposal.answers]
+    yield str(sum(each.raised for each in figures))
+    yield from (str(sum(each.count(change) for each in proposal.answers)) for change in ("added", "lost"))
+    false = [each.unfounded for each in figures if each.unfounded is not None]
+    yield str(sum(false)) if false else "-"
+    late_s = [each.late_worst_s for each in figures if each.late_worst_s is not None]
+    yield f"{max(0.0, *late_s):.2f} s" if late_s else "-"
 
 
-def _a_day(rate: float) -> str:
-    if rate < 0.001:
-        return "less than 0.001"
-    return f"{rate:.2g}" if rate < 100 else f"{rate:.0f}"
+def _save(tuning: Tuning, rule: str, proposal: Proposal, marks: Sequence[FiringMark]) -> None:
+    place = tuning.configuration.path
+    files, tests = tuning.write(rule, proposal.values, marks)
+    _, kept = save_files(place.parent, files, lambda: _refuse_if_changed(tuning))
+    typer.echo(f"Saved {place}, with {len(tests)} test{'' if len(tests) == 1 else 's'}; what was there is in {kept}.")
 
 
-def _probability(settings: Settings) -> str:
-    return '"none"' if settings.probability is None else f"{settings.probability:g}"
-
-
-def _toml(proposal: Proposal) -> Iterator[str]:
-    """Yield the lines for the rule; none if no setting keeps to what was asked for."""
-    if not proposal.is_reached:
-        return
-    settings, tuned = proposal.end.settings, proposal.tuned
-    yield f"For [rules.{tuned.rule.name}]:"
-    yield f"when = {{ {', '.join(_when(tuned, settings))} }}"
-    yield f"on_delay = {_on_delay(settings.on_delay)}"
-    yield f'off_delay = "{settings.off_delay_s:g} s"'
-
-
-def _tracking_toml(proposal: Proposal, configuration: Configuration) -> Iterator[str]:
-    """Propose what is better known from a recording than learnt anew in each run."""
-    factor = proposal.noise.factor
-    if factor not in (1.0, configuration.plan.tracking.noise_factor):
-        yield "For [tracking], so that the noise need not be learnt anew in each run:"
-        yield f"noise_factor = {factor:g}"
-
-
-def _when(tuned: Tuned, settings: Settings) -> Iterator[str]:
-    condition = tuned.condition
-    if condition.above is not None and condition.below is not None:
-        yield f'between = ["{condition.above:g} m", "{condition.below:g} m"]'
-    elif condition.below is not None:
-        yield f'below = "{condition.below:g} m"'
-    else:
-        yield f'above = "{condition.above:g} m"'
-    if condition.quantity == "depth":
-        yield 'of = "depth"'
-    if condition.target != tuned.rule.target:
-        yield f'target = "{condition.target}"'
-    yield f"probability = {_probability(settings)}"
-    if condition.probability_off != 0.5:
-        yield f"probability_off = {condition.probability_off:g}"
-    yield f"deadband_sigmas = {settings.deadband_sigmas:g}"
-    if condition.deadband:
-        yield f'deadband = "{condition.deadband:g} m"'
-
-
-def _on_delay_in_words(delay: OnDelay) -> str:
-    if delay.frames:
-        return f"{delay.frames} of {delay.of_frames} frames"
-    return f"{delay.hold_s:g} s" if delay.hold_s else "none"
-
-
-def _on_delay(delay: OnDelay) -> str:
-    return f"{{ frames = {delay.frames}, of = {delay.of_frames} }}" if delay.frames else f'"{delay.hold_s:g} s"'
-
-
-def _claims(proposal: Proposal) -> Iterator[str]:
-    begin, wanted = proposal.begin, proposal.wanted_a_day
-    most = _a_day(begin.rate.at_most_a_day)
-    rate = f"{_a_day(begin.rate.a_day)} false alarms a day, at most {most} with 95 % confidence"
-    if proposal.is_reached:
-        yield f"Expected: {rate}, if the noise goes on as it was recorded."
-    else:
-        yield (
-            f"No setting that was tried is expected to keep to {wanted:g} false alarms a day, so none is proposed. The "
-            f"best: {rate}. A threshold further from where the target stands, or less noise, would help."
-        )
-        if proposal.points.at_threshold >= AT_THRESHOLD_TOLD:
-            yield (
-                f"For {proposal.points.at_threshold:.0%} of the time without a true alarm the target was within one "
-                "standard deviation of the threshold, where nothing shows whether an alarm is right: record it "
-                "where it mostly stands, or mark the true alarms with --event."
-            )
-    if proposal.is_extrapolated:
-        yield "The target stood further away than where false alarms could be counted; the figures are extrapolated."
-    if not proposal.is_supported:
-        needed, quiet = map(rounded_duration, (3.0 / wanted * DAY_S, proposal.points.quiet_s))
-        yield (
-            f"The recordings alone support no better than {_a_day(proposal.supported_a_day)} a day with 95 % "
-            f"confidence: {begin.recorded_raises} in {quiet}. "
-            f"For {wanted:g} a day, record {needed} without a true alarm."
-        )
-    if proposal.end.flaps_a_minute > FLAPS_A_MINUTE:
-        yield "It chatters at the threshold with every setting that was tried; a fixed `deadband` would help."
-
-
-def _figures(proposal: Proposal) -> dict[str, Any]:
-    noise, points = proposal.noise, proposal.points
-    return {
-        "rule": proposal.tuned.rule.name,
-        "limit_m": proposal.tuned.threshold_m,
-        "wanted_a_day": proposal.wanted_a_day,
-        "closing_speed_mps": proposal.speed_mps,
-        "reached": proposal.is_reached,
-        "supported_by_recordings": proposal.is_supported,
-        "supported_a_day": proposal.supported_a_day,
-        "extrapolated": proposal.is_extrapolated,
-        "noise": {
-            "recorded_s": noise.recorded_s,
-            "calm_s": noise.calm_s,
-            "frame_s": noise.frame_s,
-            "sigma_at_limit_m": noise.true_m(proposal.tuned.threshold_m),
-            "ratio_to_stated": noise.ratio,
-            "proposed_noise_factor": noise.factor,
-            "correlation": noise.correlation,
-            "gross": noise.gross,
-            "missing": noise.missing,
-        },
-        "quiet_s": points.quiet_s,
-        "standing_m": points.median_m,
-        "clearance_sigmas": float(points.clearances.min()),
-        "proposed": _begin_figures(proposal.begin) | _end_figures(proposal.end),
-        "toml": list(_toml(proposal))[1:],
-        "beginnings": [_begin_figures(each) for each in proposal.beginnings],
-        "endings": [_end_figures(each) for each in proposal.endings],
-    }
-
-
-def _begin_figures(each: Beginning) -> dict[str, Any]:
-    delay = each.settings.on_delay
-    return {
-        "probability": each.settings.probability,
-        "on_delay": {"frames": delay.frames, "of": delay.of_frames} if delay.frames else delay.hold_s,
-        "false_alarms_a_day": each.rate.a_day,
-        "at_most_a_day": each.rate.at_most_a_day,
-        "in_the_recordings": each.recorded_raises,
-        "late_s": each.late_s,
-        "late_p95_s": each.late_p95_s,
-    }
-
-
-def _end_figures(each: Ending) -> dict[str, Any]:
-    return {
-        "deadband_sigmas": each.settings.deadband_sigmas,
-        "off_delay_s": each.settings.off_delay_s,
-        "flaps_a_minute": each.flaps_a_minute,
-        "ends_after_s": each.ends_after_s,
-    }
+def _refuse_if_changed(tuning: Tuning) -> None:
+    place = tuning.configuration.path
+    if (theirs := read_untrusted_text(place, CONFIGURATION_MAX_BYTES)) != tuning.text:
+        words = f"{place} was changed by another since it was read; nothing was saved: tune it again"
+        raise ChangedMeanwhileError(words, theirs, [])

@@ -186,15 +186,12 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         right=Right.READ, answer="TimelineMoment", query={"at": "number"}, wait_s=LONG_WAIT_S,
     ),
     _desk(
-        "POST", "rules/{rule}/what-if", "teaching.what_if", "What an alarm with other settings would have done",
-        body={"changes": "number{}", "at_s": "number[]", "for_s": "number"}, answer="WhatIf", wait_s=LONG_WAIT_S,
+        "POST", "rules/{rule}/tune", "tuning.tune",
+        "What an alarm with other settings would have done, or with those that meet marks", answer="Tuned",
+        body={"changes": "number{}", "marks": "text[]", "at_s": "number[]", "for_s": "number"}, wait_s=LONG_WAIT_S,
     ),
     _desk(
-        "POST", "rules/{rule}/teach", "teaching.teach", "The smallest change of an alarm that meets marks",
-        body={"marks": "text[]", "at_s": "number[]"}, answer="WhatIf", wait_s=LONG_WAIT_S,
-    ),
-    _desk(
-        "POST", "rules/{rule}/taught", "teaching.save", "Save other settings of an alarm, with a rule test",
+        "POST", "rules/{rule}/settings", "tuning.save", "Save other settings of an alarm, with a rule test",
         body={"changes": "number{}", "marks": "text[]", "at_s": "number[]", "base_version": "text"}, wait_s=LONG_WAIT_S,
     ),
     _desk("GET", "recordings", "recordings.recordings", "The recordings", right=Right.READ, answer="Recordings"),

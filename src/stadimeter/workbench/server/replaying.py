@@ -7,22 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.app.live.snapshot import RunSnapshot
-from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.words import duration
-from stadimeter.workbench.replay.comparison import (
-    CYCLES_MAX,
-    EventChange,
-    Lane,
-    Point,
-    ReplayDiff,
-    RuleChange,
-    SideBySide,
-    thin_points,
-)
 from stadimeter.workbench.replay.replay import ReplayRun, read_recording, replay_run
 from stadimeter.workbench.server.editing import load_text
 from stadimeter.workbench.server.operations import Desk, operation
 from stadimeter.workbench.server.recordings import about, path_of
+from stadimeter.workbench.trial import CYCLES_MAX, EventChange, RuleChange, SideBySide, Span, TrialDiff, compare
 
 # Unless it is said otherwise, an answer comes at the latest after this time.
 FOR_S = 20.0
@@ -73,50 +63,34 @@ def _begin(desk: Desk, path: Path, wanted: str, files: Mapping[str, str]) -> Sid
 
 
 def _comparison_fields(found: SideBySide, recording: Mapping[str, Any]) -> dict[str, Any]:
-    plan, difference = found.after.configuration.plan, found.difference()
+    plan, seconds, difference = found.after.configuration.plan, found.new.seconds, compare(found.old, found.new)
     limits = sorted({limit_m for each in RunSnapshot(plan=plan).limits_m.values() for limit_m in each})
-    whole_s = max(recording["seconds"] or 0.0, found.seconds)
+    whole_s = max(recording["seconds"] or 0.0, seconds)
     return {
         "from_s": 0.0,
-        "to_s": found.seconds,
+        "to_s": seconds,
         "seconds": whole_s,
-        "progress": 1.0 if found.is_done else round(min(0.99, found.seconds / whole_s if whole_s else 0.0), 3),
-        "samples": {name: thin_points(points) for name, points in found.samples.items()},
+        "progress": 1.0 if found.is_done else round(min(0.99, seconds / whole_s if whole_s else 0.0), 3),
+        "samples": {name: found.new.points(name) for name in found.new.samples},
         "thresholds_m": limits,
         "lanes": [
-            {"rule": rule, "before": _spans(found.old.rules.get(rule)), "after": _spans(found.new.rules.get(rule))}
-            for rule in {**found.new.rules, **found.old.rules}
+            {"rule": rule, "before": _spans(found.old.spans(rule)), "after": _spans(found.new.spans(rule))}
+            for rule in {**found.new.traces, **found.old.traces}
         ],
-        "outputs": [_output(found, plan, name) for name in {**found.new.levels, **found.old.levels}],
         "words": list(_words(found, difference, recording)),
-        "differences": [_change(each, found.began_s) for each in difference.changes[:CHANGES_MAX]],
+        "differences": [_change(each, found.new.began_s) for each in difference.changes[:CHANGES_MAX]],
     }
 
 
-def _spans(lane: Lane | None) -> list[dict[str, float]]:
-    return [{"from_s": round(from_s, 3), "to_s": round(to_s, 3)} for from_s, to_s in (lane.spans if lane else ())]
+def _spans(spans: list[Span]) -> list[dict[str, float]]:
+    return [{"from_s": round(from_s, 3), "to_s": round(to_s, 3)} for from_s, to_s in spans]
 
 
-def _output(found: SideBySide, plan: Plan, name: str) -> dict[str, Any]:
-    base = next((each for each in plan.outputs if each.name == name and isinstance(each, BaseOutput)), None)
-    return {
-        "output": name,
-        "max": base.linear_max_mps if base else 1.0,
-        "unit": "m/s" if base else "",
-        "before": _levels(found.old.levels.get(name, [])),
-        "after": _levels(found.new.levels.get(name, [])),
-    }
-
-
-def _levels(points: list[Point]) -> list[tuple[float, float | None]]:
-    return [(round(at_s, 3), level) for at_s, level, _ in thin_points(points)]
-
-
-def _words(found: SideBySide, difference: ReplayDiff, recording: Mapping[str, Any]) -> Iterator[str]:
+def _words(found: SideBySide, difference: TrialDiff, recording: Mapping[str, Any]) -> Iterator[str]:
     if not found.is_done:
-        yield f"So far only the first {duration(found.seconds)} are compared."
-    elif found.cycles >= CYCLES_MAX:
-        yield f"Only the first {duration(found.seconds)} are compared: it is a long recording."
+        yield f"So far only the first {duration(found.new.seconds)} are compared."
+    elif found.new.cycles >= CYCLES_MAX:
+        yield f"Only the first {duration(found.new.seconds)} are compared: it is a long recording."
     if damage := found.damage or recording["damage"]:
         yield f"The recording is damaged: {damage}."
     missing = [name for name in found.after.configuration.plan.targets if name not in found.targets]

@@ -80,7 +80,7 @@ export class Teaching {
     const text = `${found.name}@${at_s.toFixed(3)}s ${fire ? "fire" : "no"}`;
     this.marks.push({ unix_s, fire, text });
     this.#showMarks();
-    await this.#answer("teach", { marks: this.#texts() });
+    await this.#answer({ marks: this.#texts() });
   }
 
   #texts = () => this.marks.map(({ text }) => text);
@@ -92,7 +92,7 @@ export class Teaching {
     const takeBack = (mark) => {
       this.marks = this.marks.filter((each) => each !== mark);
       this.#showMarks();
-      return this.marks.length ? this.#answer("teach", { marks: this.#texts() }) : this.use(this.rule);
+      return this.marks.length ? this.#answer({ marks: this.#texts() }) : this.use(this.rule);
     };
     const item = (mark) => {
       const should = mark.fire ? "✓ should" : "✗ should not";
@@ -147,21 +147,21 @@ export class Teaching {
   /** Ask what would have been, until all recordings are read. An answer that is not wanted any more is dropped. */
   async #ask(unix_s) {
     const at_s = unix_s ? [...this.#moments(), unix_s] : this.#moments();
-    while (await this.#answer("what-if", { changes: this.changes, at_s, for_s: FOR_S }));
+    while (await this.#answer({ changes: this.changes, at_s, for_s: FOR_S }));
   }
 
   #post = (op, body) =>
     this.view.api.post(`rules/${encodeURIComponent(this.rule)}/${op}`, { at_s: this.#moments(), ...body });
 
-  async #answer(op, body) {
+  async #answer(body) {
     const mine = ++this.#wish;
     this.keep.disabled = true; // until there is something that its marks agree with
     write(this.words, this.#known.length ? this.words.textContent : "Reading the recordings …");
     try {
-      const found = await this.#post(op, body);
+      const found = await this.#post("tune", body);
       if (mine !== this.#wish) return false;
       this.#known = found.recordings;
-      if (found.changes) this.changes = found.changes;
+      this.changes = found.changes;
       this.settings = found.settings;
       this.version = found.version;
       const changed = Object.entries(this.changes).map(
@@ -180,7 +180,7 @@ export class Teaching {
 
   async #save() {
     try {
-      const saved = await this.#post("taught", {
+      const saved = await this.#post("settings", {
         changes: this.changes,
         marks: this.#texts(),
         base_version: this.version,

@@ -21,7 +21,7 @@ BY, STAYED = f"evening.mcap@{BY_S}s no", f"evening.mcap@{STAYED_S}s fire"
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("taught")
+    folder = tmp_path_factory.mktemp("tuned")
     record(folder, BEGAN_S)
     return folder
 
@@ -33,13 +33,13 @@ def desk(recorded: Path) -> Desk:
 
 
 def ask(desk: Desk, op: str, **args: object) -> Any:
-    waits = {"for_s": 1e6} if op == "what_if" else {}
-    return find_operation(f"teaching.{op}")(desk, {"rule": "near", **waits, **args}).data
+    waits = {"for_s": 1e6} if op == "tune" else {}
+    return find_operation(f"tuning.{op}")(desk, {"rule": "near", **waits, **args}).data
 
 
 @pytest.mark.long
 def test_a_dragged_threshold_says_how_many_alarms_come_and_go(desk: Desk) -> None:
-    found = ask(desk, "what_if", changes={"below": 0.8})
+    found = ask(desk, "tune", changes={"below": 0.8})
     assert found["words"] == (
         "near would have fired 2 times in 4 minutes of 1 recording: 0 of them new, 2 of yours missed."
     )
@@ -52,13 +52,15 @@ def test_a_dragged_threshold_says_how_many_alarms_come_and_go(desk: Desk) -> Non
 
 @pytest.mark.long
 def test_the_change_is_saved_with_a_test_that_fails_without_it(desk: Desk) -> None:
-    taught = ask(desk, "teach", marks=[BY, STAYED])
+    taught = ask(desk, "tune", marks=[BY, STAYED])
     saved = ask(desk, "save", changes=taught["changes"], marks=[BY, STAYED], base_version=taught["version"])
-    assert len(saved["tests"]) == 1
+    assert saved["tests"] == ["near as tuned: near-evening"]
     text = desk.configuration.read_text()
     (former,) = versions(desk.configuration)[:1]
     assert (former.folder / "stadimeter.toml").read_text() == CONFIGURATION
-    (test,) = load_configuration(desk.configuration).tests
+    after = load_configuration(desk.configuration)
+    (test,) = after.tests
+    assert run_rule_test(after, test).passed
     assert (desk.configuration.parent / test.input.journal).stat().st_size < 3_000_000
     unchanged = CONFIGURATION + text[text.index("\n[[tests]]") :]
     before = load_configuration(desk.configuration, texts={desk.configuration: unchanged})
@@ -70,8 +72,40 @@ def journals(desk: Desk) -> set[Path]:
 
 
 @pytest.mark.long
+def test_one_drag_over_two_recordings_saves_one_test_that_passes_at_once(desk: Desk) -> None:
+    evening = desk.configuration.parent / "recordings" / "evening.mcap"
+    again = evening.with_name("again.mcap")
+    again.write_bytes(evening.read_bytes())
+    try:
+        version = ask(desk, "tune", changes={"below": 0.8})["version"]
+        saved = ask(desk, "save", changes={"below": 0.8}, base_version=version)
+    finally:
+        again.unlink()
+    assert len(saved["tests"]) == 1
+    after = load_configuration(desk.configuration)
+    assert [run_rule_test(after, each).passed for each in after.tests] == [True]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("at_s", "changes"), [(239.9, {"below": 0.8}), (0.0, {"off_delay": 3.0}), (151.0, {"below": 0.8})]
+)
+def test_a_saved_test_passes_at_once_and_never_reaches_beyond_its_recording(
+    desk: Desk, at_s: float, changes: dict[str, float]
+) -> None:
+    marks = [f"evening.mcap@{at_s}s no", f"evening.mcap@{max(0.0, at_s - 6)}s..{at_s}s no"]
+    version = ask(desk, "tune", changes=changes)["version"]
+    assert len(ask(desk, "save", changes=changes, marks=marks, base_version=version)["tests"]) == 1
+    after = load_configuration(desk.configuration)
+    (result,) = (run_rule_test(after, each) for each in after.tests)
+    assert result.failures == ()
+    named_s = result.test.expect["near"].moments()["inactive_at"]
+    assert max(named_s) <= result.took_s
+
+
+@pytest.mark.long
 def test_what_another_has_saved_meanwhile_is_not_overwritten(desk: Desk) -> None:
-    seen, before = ask(desk, "what_if", changes={"below": 0.8}), journals(desk)
+    seen, before = ask(desk, "tune", changes={"below": 0.8}), journals(desk)
     theirs = CONFIGURATION + "# by another\n"
     desk.configuration.write_text(theirs)
     for version in (seen["version"], ""):
@@ -83,7 +117,7 @@ def test_what_another_has_saved_meanwhile_is_not_overwritten(desk: Desk) -> None
 
 @pytest.mark.long
 def test_marks_that_are_not_met_are_not_saved_as_a_test_that_fails(desk: Desk) -> None:
-    version, before = ask(desk, "what_if", changes={"below": 0.8})["version"], journals(desk)
+    version, before = ask(desk, "tune", changes={"below": 0.8})["version"], journals(desk)
     with pytest.raises(
         ConfigError, match=f"nothing was saved, for with these settings this would fail: evening.mcap@{STAYED_S:g}s"
     ):
@@ -97,7 +131,7 @@ def test_a_change_after_which_a_test_would_fail_that_passes_is_refused(desk: Des
     hover = "{ hover = { at = '90 cm', for = '20 s' } }"
     text = f"{CONFIGURATION}\n[[tests]]\nname = 'at 90 cm'\ninput = {hover}\nexpect.near.raised = 1\n"
     desk.configuration.write_text(text)
-    version, before = ask(desk, "what_if", changes={"below": 0.8})["version"], journals(desk)
+    version, before = ask(desk, "tune", changes={"below": 0.8})["version"], journals(desk)
     with pytest.raises(ConfigError, match="this would fail: at 90 cm"):
         ask(desk, "save", changes={"below": 0.8}, base_version=version)
     assert desk.configuration.read_text() == text
@@ -107,7 +141,7 @@ def test_a_change_after_which_a_test_would_fail_that_passes_is_refused(desk: Des
 @pytest.mark.long
 def test_marks_that_contradict_each_other_are_refused_by_name(desk: Desk) -> None:
     with pytest.raises(ConfigError) as refused:
-        ask(desk, "teach", marks=["evening.mcap@92s no", "evening.mcap@31.5s fire"])
+        ask(desk, "tune", marks=["evening.mcap@92s no", "evening.mcap@31.5s fire"])
     words = str(refused.value)
     assert "contradict each other" in words
     assert "evening.mcap@31.5s fire" in words
@@ -118,5 +152,5 @@ def test_marks_that_contradict_each_other_are_refused_by_name(desk: Desk) -> Non
 def test_a_recording_that_holds_a_moment_is_found(tmp_path: Path) -> None:
     record(tmp_path, time.time() - 1000)
     desk = Desk(configuration=tmp_path / "stadimeter.toml", run_socket=tmp_path / "none.sock")
-    found = ask(desk, "what_if", at_s=[time.time() - 900])
+    found = ask(desk, "tune", at_s=[time.time() - 900])
     assert [each["name"] for each in found["recordings"]] == ["evening.mcap"]

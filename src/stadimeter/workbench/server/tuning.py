@@ -9,14 +9,13 @@ from typing import Any
 
 from stadimeter.app.control.recording import LAST
 from stadimeter.config.loader import load_configuration
-from stadimeter.workbench.replay.what_if import KeptRecording
-from stadimeter.workbench.rule_settings import alarm_named, settings_of, with_settings
+from stadimeter.workbench.rule_settings import settings_of, with_settings
 from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.operations import Desk, operation
 from stadimeter.workbench.server.recordings import ENDINGS, about, began_unix_s
 from stadimeter.workbench.server.run_of_desk import folder_of
-from stadimeter.workbench.teaching.lesson import Answer, Lesson, in_words
-from stadimeter.workbench.teaching.search import parse_mark
+from stadimeter.workbench.trial import KeptRecording
+from stadimeter.workbench.tune import Proposal, Tuning, in_words, parse_mark
 
 # Unless it is said otherwise, an answer comes at the latest after this time, with what is read by then.
 FOR_S = 20.0
@@ -27,31 +26,25 @@ LONG_S = 600.0
 
 
 @operation
-def what_if(
+def tune(
     desk: Desk,
     rule: str,
     changes: dict[str, float | str] | None = None,
+    marks: list[str] | None = None,
     at_s: list[float] | None = None,
     for_s: float = FOR_S,
 ) -> dict[str, Any]:
     """Answer what an alarm with other settings would have done on recordings, beside what it does.
 
-    They are those that hold moments, in seconds since 1970, and the newest. Reading them takes a while the first time:
-    the answer comes after ``for_s`` with what there is by then; ``is_done`` says whether that is all.
+    With marks such as ``run.mcap@14.2s fire`` the best settings that meet them are answered. The recordings are those
+    that hold moments, in seconds since 1970, and the newest. Reading them takes a while the first time: the answer
+    comes after ``for_s`` with what there is by then; ``is_done`` says whether that is all. Marks wait for all.
     """
-    lesson = lesson_of(desk, at_s or [])
-    is_done = lesson.go_on(for_s)
-    answers = lesson.answer(lesson.load(rule, changes or {}).plan)
-    return {"is_done": is_done, **answer_fields(lesson, rule, answers)}
-
-
-@operation
-def teach(desk: Desk, rule: str, marks: list[str], at_s: list[float] | None = None) -> dict[str, Any]:
-    """Answer the smallest change of an alarm that meets marks such as ``run.mcap@14.2s fire``."""
-    lesson = lesson_of(desk, at_s or [])
-    lesson.go_on(math.inf)
-    found = lesson.propose(rule, [parse_mark(each) for each in marks])
-    return {"changes": dict(found.values), **answer_fields(lesson, rule, found.answers)}
+    tuning = tuning_of(desk, at_s or [])
+    is_done = tuning.go_on(math.inf if marks else for_s)
+    parsed = [parse_mark(each) for each in marks or ()]
+    proposal = tuning.best(rule, parsed)[0] if marks else tuning.propose(rule, changes or {})
+    return {"is_done": is_done, **answer_fields(tuning, rule, proposal)}
 
 
 @operation
@@ -66,41 +59,42 @@ def save(
     """Save other settings of an alarm, with rule tests that hold the marks, or else what comes and goes.
 
     Args:
-        base_version: The version of the configuration that the answer of `what_if` or `teach` was about.
+        base_version: The version of the configuration that the answer of `tune` was about.
     """
-    lesson = lesson_of(desk, at_s or [])
-    ours = with_settings(lesson.configuration, lesson.text, rule, changes)
+    tuning = tuning_of(desk, at_s or [])
+    ours = with_settings(tuning.configuration, tuning.text, rule, changes)
     editing.refuse_if_changed(desk, base_version, ours)
-    lesson.go_on(math.inf)
-    text, tests = lesson.write(rule, changes, [parse_mark(each) for each in marks or ()])
-    return {**editing.save(desk, text, None, base_version), "tests": tests}
+    tuning.go_on(math.inf)
+    files, tests = tuning.write(rule, changes, [parse_mark(each) for each in marks or ()])
+    text = files.pop(desk.configuration.name)
+    return {**editing.save(desk, text, files, base_version), "tests": tests}
 
 
-def lesson_of(desk: Desk, moments_s: Sequence[float]) -> Lesson:
-    """Return the lesson kept for the configuration as it is saved: recordings of these moments, and the newest.
+def tuning_of(desk: Desk, moments_s: Sequence[float]) -> Tuning:
+    """Return the tuning kept for the configuration as it is saved: recordings of these moments, and the newest.
 
     It takes up to 90 MB, so it is freed when nothing was asked for a while.
     """
     text = editing.saved_text(desk) or ""
-    if "lesson" not in desk.kept:
-        desk.at_rest.append(lambda: desk.kept.update(lesson=None))
-    kept: tuple[str, Lesson, set[float]] | None = desk.kept.get("lesson")
+    if "tuning" not in desk.kept:
+        desk.at_rest.append(lambda: desk.kept.update(tuning=None))
+    kept: tuple[str, Tuning, set[float]] | None = desk.kept.get("tuning")
     if kept is None or kept[0] != text:
-        kept = text, Lesson(configuration=load_configuration(desk.configuration), text=text), set()
-        desk.kept["lesson"] = kept
-    _, lesson, asked_s = kept
+        kept = text, Tuning(configuration=load_configuration(desk.configuration), text=text), set()
+        desk.kept["tuning"] = kept
+    _, tuning, asked_s = kept
     missing = (at_s for at_s in moments_s if at_s not in asked_s)  # what no recording holds is looked for once
-    if not lesson.recordings or not all(
-        any(_holds(each, at_s) for each in lesson.recordings.values()) for at_s in missing
+    if not tuning.recordings or not all(
+        any(_holds(each, at_s) for each in tuning.recordings.values()) for at_s in missing
     ):
-        _choose_recordings(desk, lesson, sorted(moments_s))
+        _choose_recordings(desk, tuning, sorted(moments_s))
         asked_s.clear()
     asked_s.update(moments_s)
-    return lesson
+    return tuning
 
 
-def _choose_recordings(desk: Desk, lesson: Lesson, moments_s: Sequence[float]) -> None:
-    """Let a lesson have those that hold moments from some time before the first one on, and the ends of the newest."""
+def _choose_recordings(desk: Desk, tuning: Tuning, moments_s: Sequence[float]) -> None:
+    """Take those that hold moments from some time before the first one on, and the ends of the newest."""
     found = recordings_of(desk)
     told = {name: each for name, path in found.items() if (each := about(desk, path))["seconds"]}
     wanted = [
@@ -110,10 +104,10 @@ def _choose_recordings(desk: Desk, lesson: Lesson, moments_s: Sequence[float]) -
         if 0 <= (since_s := at_s - each["unix_s"]) <= each["seconds"]
     ]
     newest = sorted(told, key=lambda name: told[name]["unix_s"], reverse=True)[:NEWEST_MAX]
-    lesson.recordings.clear()
+    tuning.recordings.clear()
     for name, since_s in [*wanted, *((name, told[name]["seconds"]) for name in newest)]:
-        if name not in lesson.recordings:
-            lesson.add(name, found[name], max(0.0, since_s - LONG_S))
+        if name not in tuning.recordings:
+            tuning.add(name, found[name], max(0.0, since_s - LONG_S))
 
 
 def _holds(kept: KeptRecording, at_s: float) -> bool:
@@ -129,14 +123,14 @@ def recordings_of(desk: Desk) -> dict[str, Path]:
     return {path.relative_to(folder).as_posix(): path for path in paths}
 
 
-def answer_fields(lesson: Lesson, rule: str, answers: Sequence[Answer]) -> dict[str, Any]:
-    """Return answers as JSON has them."""
-    _, alarm = alarm_named(lesson.configuration, rule)
-    settings = settings_of(lesson.configuration, rule)
+def answer_fields(tuning: Tuning, rule: str, proposal: Proposal) -> dict[str, Any]:
+    """Return what settings would have done as JSON has it."""
+    settings = settings_of(tuning.configuration, rule)
     return {
-        "version": editing.version_of(lesson.text),
+        "version": editing.version_of(tuning.text),
         "settings": {key: {"value": each.value, "unit": each.unit} for key, each in settings.items()},
-        "words": in_words(alarm.name, answers),
+        "changes": dict(proposal.values),
+        "words": in_words(rule, proposal.answers),
         "recordings": [
             {
                 "name": each.name,
@@ -144,9 +138,9 @@ def answer_fields(lesson: Lesson, rule: str, answers: Sequence[Answer]) -> dict[
                 "from_s": each.kept.from_s,
                 "to_s": each.kept.seconds,
                 "damage": each.kept.damage,
-                "before": each.kept.side.rules[alarm.name].spans,
-                "after": each.after.rules[alarm.name].spans,
+                "before": each.before,
+                "after": each.spans,
             }
-            for each in answers
+            for each in proposal.answers
         ],
     }

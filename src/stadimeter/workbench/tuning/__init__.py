@@ -1,1 +1,0 @@
-"""Proposing limits and delays of an alarm from recordings."""
