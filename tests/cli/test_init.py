@@ -15,16 +15,16 @@ import cv2
 import numpy as np
 import pytest
 
+from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.config import plugins
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.detectors.disc import DiscOptions
-from stadimeter.detectors.protocol import SetupKind, size_question
 from stadimeter.workbench.saving import versions
-from stadimeter.workbench.setup.files import WISHES
 from stadimeter.workbench.setup.interview import answer_keys, save_answers
+from stadimeter.workbench.setup.recipes import load_recipes
 from support.command_line import Typed, typed
 from support.networks import write_network
 from support.scenes.backdrop import PlainBackdrop
@@ -34,6 +34,7 @@ from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget
 from support.scenes.render import render
 from support.scenes.scene import Scene
 from support.terminal import Terminal
+from support.v4l2_double import V4l2Double
 
 pytestmark = [pytest.mark.vision, pytest.mark.timeout(300)]
 
@@ -103,6 +104,7 @@ def test_what_was_there_is_kept_as_a_version(tmp_path: Path) -> None:
     ("answers", "words"),
     [
         ({"targt": "ball"}, "there is no such question (did you mean 'target'?)"),
+        ({"wish": "near"}, "there is no such question (write recipe)"),
         ({"target": "disc", "size": "20 m"}, "did you mean millimetres or inches?"),
         ({"target": "disc", "size": "20 cm", "near_output": "buzzer 99"}, "not a pin"),
         ({"camera": "no-such.png"}, "no-such.png"),
@@ -152,7 +154,7 @@ def test_the_guide_names_every_key_of_an_answer() -> None:
     text = GUIDE.read_text()
     fixed = [key for key in answer_keys() if not key.startswith("base_") and not key.endswith("_output")]
     assert [key for key in fixed if f"`{key}`" not in text] == []
-    assert [wish.title for wish in WISHES if f"`{wish.key}`: {wish.title}" not in text] == []
+    assert [each.title for each in load_recipes().values() if f"`{each.key}`: {each.title}" not in text] == []
 
 
 def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
@@ -204,6 +206,18 @@ def _typed(folder: Path, monkeypatch: pytest.MonkeyPatch, *answers: str) -> Type
     return typed("init", folder, answers="".join(f"{answer}\n" for answer in answers))
 
 
+@pytest.mark.long
+def test_a_buzz_when_the_ball_is_near_takes_six_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    camera = V4l2Double.plugged_in(tmp_path / "video0", balls((0.0, 0.0, 1.0 + BALL_M / 2)), monkeypatch)
+    attached = AttachedCamera(name="Webcam", choice=f"opencv,device={camera.node}", node=str(camera.node))
+    monkeypatch.setattr("stadimeter.workbench.setup.camera_step.list_cameras", lambda: [attached])
+    told = _typed(tmp_path, monkeypatch, "ball", "20 cm", "1 m", "near", "80 cm", "buzzer 23")
+    assert told.returncode == 0, told
+    written = load_configuration(tmp_path / "stadimeter.toml")
+    assert [rule.name for rule in written.plan.rules] == ["near"]
+    assert [each.driver for each in written.actuators] == ["buzzer"]
+
+
 def test_a_configuration_that_is_to_stay_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "stadimeter.toml").write_text("# mine\n")
     assert _typed(tmp_path, monkeypatch, "no").returncode == 1
@@ -249,10 +263,10 @@ def measured(folder: Path, picture: str) -> dict[str, float | None]:
     ("answers", "key", "words"),
     [
         ({"target": "person", "model": "given.toml"}, "model", "given.toml"),
-        ({"target": "picture", "picture": "none.jpg"}, "size", "none.jpg cannot be read"),
+        ({"target": "picture", "picture": "none.jpg"}, "picture", "none.jpg cannot be read"),
         ({"target": "balls", "size": "20 cm", "number": "many"}, "number", "'many'"),
         ({"target": "tags", "size": "20 cm", "tags": "36h11 3 3"}, "tags", "3 is given twice"),
-        ({"target": "ball", "size": "20 cm", "colour": COLOUR, "wish": "crowd"}, "wish", "for several of one kind"),
+        ({"target": "ball", "size": "20 cm", "colour": COLOUR, "recipe": "crowd"}, "recipe", "for several of one kind"),
     ],
 )
 def test_what_cannot_be_used_is_named_with_its_question(
@@ -269,7 +283,9 @@ def test_what_cannot_be_used_is_named_with_its_question(
 @pytest.mark.long
 def test_several_balls_are_set_up_counted_and_measured_each_by_its_name(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "three.png"), balls(NEAR, BESIDE, FAR))
-    told = init(tmp_path, target="balls", size="20 cm", number="4", colour=COLOUR, wish="near crowd", crowd_near="3 m")
+    told = init(
+        tmp_path, target="balls", size="20 cm", number="4", colour=COLOUR, recipe="near crowd", crowd_near="3 m"
+    )
     configuration = works(tmp_path, told)
     assert configuration.plan.measured_targets == tuple(f"balls-{number}" for number in (1, 2, 3, 4))
     assert configuration.plan.rules[0].target == "balls-nearest"
@@ -288,13 +304,7 @@ def test_several_balls_are_set_up_counted_and_measured_each_by_its_name(tmp_path
 class CoinOptions(DiscOptions):
     """A detector of another package."""
 
-    kinds: ClassVar[tuple[SetupKind, ...]] = (
-        SetupKind("coin", "a coin", (size_question("coin", lambda size: {"diameter": size}, "23 mm", "its diameter"),)),
-    )
-
-    @staticmethod
-    def setup_kinds() -> tuple[SetupKind, ...]:
-        return CoinOptions.kinds
+    title: ClassVar[str] = "a coin"
 
 
 @pytest.mark.long
@@ -308,5 +318,5 @@ def test_a_detector_of_another_package_is_offered_with_its_own_question(
     told = init(tmp_path, target="cube")
     kinds = "ball, sheet, tag, disc, picture, circles, person, face, object, balls, tags, coin"
     assert f"'cube' is none of {kinds}" in told.stderr
-    told = init(tmp_path, target="coin", size="20 cm")
+    told = init(tmp_path, target="coin", diameter="20 cm")
     assert load_configuration(tmp_path / "stadimeter.toml").targets[0].driver == "coin", told

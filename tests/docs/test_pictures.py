@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from pathlib import Path
 
 import camera_table
@@ -12,6 +11,7 @@ import make_pictures
 
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.printing import svg_of
+from stadimeter.workbench.setup.recipes import load_recipes
 from stadimeter.workbench.wiring import wiring_picture
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -35,9 +35,8 @@ def test_the_drawing_of_the_first_beep_is_that_of_the_configuration_on_its_page(
 
 
 def test_the_buzzer_of_the_first_beep_is_on_the_pin_that_init_offers():
-    wishes = tomllib.loads((ROOT / "src" / "stadimeter" / "workbench" / "setup" / "wishes.toml").read_text("utf-8"))
     (buzzer,) = [part for part in make_pictures.first_beep() if part.driver == "buzzer"]
-    offered = wishes["near"]["output"]
+    offered = load_recipes()["near"].output
     assert offered == f"buzzer {buzzer.options.pin}"
     assert f"`{offered}`" in (ROOT / "docs" / "raspberry-pi.md").read_text("utf-8")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "deploy" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-CONFIGURATIONS = [*sorted((ROOT / "config").glob("*.toml")), *(ROOT / "src").rglob("wishes.toml")]
+CONFIGURATIONS = [*sorted((ROOT / "config").glob("*.toml")), *(ROOT / "src").rglob("recipes/**/*.toml")]
 SOURCES = sorted((ROOT / "src" / "stadimeter").rglob("*.py"))
 
 UNWANTED = {

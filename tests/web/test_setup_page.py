@@ -15,8 +15,8 @@ CAMERA = {"camera": "simulated"}
 TARGET = {**CAMERA, "target": "ball", "size": "20 cm"}
 COLOUR = {**TARGET, "colour": "21,46,38:52,255,255"}
 LENS = {**COLOUR, "calibration": "56 deg"}
-WISH = {**LENS, "wish": "far"}
-BLANKS = {**WISH, "far_from": "2 m", "far_to": "4 m"}
+RECIPE = {**LENS, "recipe": "far"}
+BLANKS = {**RECIPE, "far_from": "2 m", "far_to": "4 m"}
 ALL = {**BLANKS, "far_output": "screen"}
 
 
@@ -65,7 +65,7 @@ def kept(here):
     ("answers", "wrong", "words"),
     [
         pytest.param({}, "", "othing is chosen yet", id="no camera"),
-        pytest.param(LENS, "", "othing is chosen yet", id="no wish"),
+        pytest.param(LENS, "", "othing is chosen yet", id="no recipe"),
         pytest.param({}, "/dev/video97", "video97", id="a camera that is not there"),
         pytest.param(CAMERA | {"target": "ball"}, "0 cm", "above zero", id="a size of nothing"),
         pytest.param(BLANKS, "buzzer 99", "99", id="a pin that the header has not"),
@@ -84,7 +84,7 @@ def test_an_answer_that_cannot_be_used_gets_its_sentence_and_nothing_is_lost(pag
 
 
 def test_a_set_up_that_was_left_is_taken_up_at_its_question_and_goes_back_to_any(page, here):
-    begin_at(page, here, WISH)
+    begin_at(page, here, RECIPE)
     assert "From which distance on?" in asked(page)
     page.reload()
     page.wait_for_selector(".setup")

@@ -129,7 +129,7 @@ def test_an_answer_that_cannot_be_kept_is_not_gone_on_from(setup: Setup, monkeyp
 
 @pytest.mark.long
 def test_from_nothing_to_files_that_can_be_used(calibrated: Setup) -> None:
-    assert calibrated.question() == "wish"
+    assert calibrated.question() == "recipe"
     calibrated("answer", answer="near")
     calibrated("answer", answer="80 cm")
     assert calibrated.question() == "output"

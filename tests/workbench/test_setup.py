@@ -22,17 +22,11 @@ from stadimeter.errors import ConfigError
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.rule_tests.running import run_rule_test
 from stadimeter.workbench.setup.camera_step import table_of
-from stadimeter.workbench.setup.files import WISHES, Wish, base_table, configuration_files, ready_answers
+from stadimeter.workbench.setup.files import base_table, configuration_files
 from stadimeter.workbench.setup.interview import Interview, load_answers, save_answers
 from stadimeter.workbench.setup.question import Known
-from stadimeter.workbench.setup.wish_steps import (
-    BaseStep,
-    BlankStep,
-    WishOutputStep,
-    WishStep,
-    option_steps,
-    reliable_range_m,
-)
+from stadimeter.workbench.setup.recipe_steps import BaseStep, BlankStep, OutputStep, RecipeStep, recipe_steps
+from stadimeter.workbench.setup.recipes import Recipe, load_recipes
 from support.each_case import each_case
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -96,7 +90,7 @@ def test_another_interview_goes_on_where_one_was_left(interview: Interview, tmp_
     again = Interview(tmp_path)
     resumed = [key for key, _ in again.resume(load_answers(interview.path))]
     assert resumed == ["camera", "target", "size", "colour", "calibration"]
-    assert again.next_key == "wish"
+    assert again.next_key == "recipe"
     assert again.known.camera_model == interview.known.camera_model
 
 
@@ -104,7 +98,7 @@ def test_answers_may_be_numbers_and_lists_but_no_tables(tmp_path: Path) -> None:
     file = tmp_path / "answers.toml"
     file.write_text('camera = 0\ncalibration = ["a b.jpg@1m", "c.jpg@2m"]\n')
     assert load_answers(file) == {"camera": "0", "calibration": "'a b.jpg@1m' c.jpg@2m"}
-    file.write_text("wish = { near = true }\n")
+    file.write_text("recipe = { near = true }\n")
     with pytest.raises(ConfigError, match="an answer is text"):
         load_answers(file)
 
@@ -132,17 +126,19 @@ def test_a_camera_is_named_in_the_ways_that_people_know() -> None:
 
 
 @pytest.mark.parametrize("driver", ["gpio-motors", "pca9685", "ros-arduino-bridge"])
-def test_each_base_is_set_up_by_its_ready_answers_alone(tmp_path: Path, driver: str) -> None:
-    known = Known(folder=tmp_path, answers={"wish": "follow"})
-    assert known.answers.setdefault("base", BaseStep().accept(known, driver).answer) == driver
-    for step in option_steps(driver):
-        question = step.question(known)
-        assert len(question.text) > len(f"{step.option}: "), "its description is the question"
-        known.answers[step.key] = step.accept(known, question.ready).answer
-    table = base_table(known.answers)
-    choice = known.choose(BASE, ("base",), table)
+def test_each_base_is_set_up_by_its_ready_answers_alone(driver: str) -> None:
+    known = known_of({**ANSWERED_CAMERA, **TARGETS["ball"], "recipe": "follow"})
+    known.answers["base"] = BaseStep().accept(known, driver).answer
+    for step in recipe_steps(known.answers):
+        if step.key.startswith("base_"):
+            question = step.question(known)
+            assert len(question.text) > len(f"{step.key}: "), "its description is the question"
+            known.answers[step.key] = step.accept(known, question.ready).answer
+    choice = known.choose(BASE, ("base",), base_table(known.answers))
     assert choice.driver == driver
-    assert {key.removeprefix("base_") for key in known.answers if key.startswith("base_")} < set(table)
+    assert {key.removeprefix("base_") for key in known.answers if key.startswith("base_")} < set(
+        base_table(known.answers)
+    )
 
 
 @pytest.mark.parametrize("answer", ['"', "\\", "a = b # c", "°", "\x7f"])
@@ -151,127 +147,120 @@ def test_answers_are_read_as_they_were_saved(tmp_path: Path, answer: str) -> Non
     assert load_answers(tmp_path / "answers.toml") == {"size": answer}
 
 
-# What `init` writes: every wish gives a configuration without a warning whose tests pass.
+# What `init` writes: every recipe gives a configuration without a warning whose tests pass.
 
 FRAME = Frame(image=np.zeros((480, 640, 3), np.uint8), captured_at_s=0.0, sequence=0)
 TARGETS = {
     "ball": {"target": "ball", "size": "tennis ball", "colour": "29,86,6:64,255,255"},
-    "tag": {"target": "tag", "size": "10 cm", "tag": "36h11 3"},
+    "tag": {"target": "tag", "size": "10 cm", "tag": "36h11 7"},
     "balls": {"target": "balls", "size": "tennis ball", "number": "4", "colour": "29,86,6:64,255,255"},
 }
 ANSWERED_CAMERA = {"camera": "/dev/video0", "calibration": "1 m"}
-
-
-def answers(kind: str, *wishes: Wish, output: str = "") -> dict[str, str]:
-    given = {**ANSWERED_CAMERA, **TARGETS[kind], "wish": " ".join(wish.key for wish in wishes)}
-    seen_m = reliable_range_m(Known(folder=Path(), answers=given, frames=(FRAME,), camera_model=LENS))
-    for wish in wishes:
-        given |= {f"{wish.key}_{key}": ready for key, ready in ready_answers(wish, seen_m).items()}
-        if wish.output:
-            given |= {"base": {"base": "screen"}, "mqtt": {"broker": "127.0.0.1"}}.get(
-                wish.output, {f"{wish.key}_output": output or wish.output}
-            )
-    return given
-
-
-def loaded(folder: Path, given: dict[str, str]) -> Configuration:
-    for name, text in configuration_files(given, LENS).items():
-        (folder / name).write_text(text, encoding="utf-8")
-    return load_configuration(folder / "stadimeter.toml")
-
-
-def step_of(key: str, blank: str) -> BlankStep:
-    wish = next(each for each in WISHES if each.key == key)
-    return BlankStep(wish, next(each for each in wish.blanks if each.key == blank))
+RECIPES = load_recipes()
 
 
 def known_of(given: dict[str, str]) -> Known:
-    return Known(folder=Path(), answers=given, frames=(FRAME,), camera_model=LENS)
+    return Known(folder=Path("/nonexistent"), answers=given, frames=(FRAME,), camera_model=LENS)
+
+
+def answered(kind: str, *recipes: str) -> Known:
+    """Return what is known once every question has its ready answer, with outputs on their pins."""
+    known = known_of({**ANSWERED_CAMERA, **TARGETS[kind]})
+    known.answers["recipe"] = RecipeStep().accept(known, " ".join(recipes)).answer
+    while left := [step for step in recipe_steps(known.answers) if step.key not in known.answers]:
+        question = left[0].question(known)
+        wired = next((each.answer for each in question.options if each.meaning.startswith("wired")), question.ready)
+        known.answers[left[0].key] = left[0].accept(known, wired).answer
+    return known
+
+
+def loaded(known: Known) -> Configuration:
+    files = configuration_files(known.answers, LENS)
+    return load_configuration(known.file, texts={known.path(name): text for name, text in files.items()})
+
+
+def step_of(key: str, blank: str) -> BlankStep:
+    return BlankStep(RECIPES[key], next(each for each in RECIPES[key].blanks if each.key == blank))
 
 
 # What happens, rather than what is so.
-HAPPENS = [wish for wish in WISHES if wish.output]
-OF_ONE = [wish for wish in HAPPENS if not wish.needs_several]
+HAPPENS = [recipe for recipe in RECIPES.values() if recipe.output]
+ONE, *OTHERS = HAPPENS
 
 
 @pytest.mark.parametrize(
-    "wish", [OF_ONE[0], *(pytest.param(wish, marks=pytest.mark.long) for wish in OF_ONE[1:])], ids=lambda wish: wish.key
+    "recipe", [ONE, *(pytest.param(each, marks=pytest.mark.long) for each in OTHERS)], ids=lambda recipe: recipe.key
 )
-def test_every_wish_is_a_configuration_with_two_tests_that_pass(tmp_path: Path, wish: Wish) -> None:
-    configuration = loaded(tmp_path, answers("ball", wish))
-    warnings = [*configuration.warnings, *feasibility_warnings(configuration)]
-    assert warnings == []
+def test_every_recipe_is_a_configuration_with_two_tests_that_pass(recipe: Recipe) -> None:
+    configuration = loaded(answered("balls" if recipe.needs_several else "ball", recipe.key))
+    assert [*configuration.warnings, *feasibility_warnings(configuration)] == []
     assert len(configuration.tests) == 2
     results = [run_rule_test(configuration, test) for test in configuration.tests]
     assert [(each.test.name, each.failures, each.trouble) for each in results if not each.passed] == []
 
 
-@pytest.mark.long
-def test_a_wish_for_several_counts_them_and_its_tests_pass(tmp_path: Path) -> None:
-    (crowd,) = (wish for wish in HAPPENS if wish.needs_several)
-    configuration = loaded(tmp_path, answers("balls", crowd))
-    assert [*configuration.warnings, *feasibility_warnings(configuration)] == []
-    results = [run_rule_test(configuration, test) for test in configuration.tests]
-    assert [each.failures for each in results] == [()] * 2
+def test_a_recipe_for_several_is_refused_for_one() -> None:
     with pytest.raises(ConfigError, match="crowd is for several of one kind"):
-        WishStep().accept(known_of(TARGETS["ball"]), "crowd")
-
-
-@each_case(
-    "key, blank, wrong, words",
-    [
-        ("floor", "height", "1 deg", "unknown unit 'deg'"),
-        ("water", "medium", "oil", "air, water, sea water"),
-        ("water", "port", "1", "'1' has no unit"),
-        ("stereo", "file", "nothing.toml", "stereo"),
-        ("places", "tags", "3: 0 m, 2 m, 50 cm, 0 deg; 3: 1 m, 2 m, 50 cm, 0 deg", "tag 3 is listed twice"),
-    ],
-)
-def test_what_cannot_be_so_is_refused_at_its_question(key: str, blank: str, wrong: str, words: str) -> None:
-    given = {**ANSWERED_CAMERA, **TARGETS["ball"], "wish": f"near {key}"}
-    with pytest.raises(ConfigError) as refused:
-        step_of(key, blank).accept(known_of(given), wrong)
-    assert words in str(refused.value)
+        RecipeStep().accept(known_of(TARGETS["ball"]), "crowd")
 
 
 @each_case(
     "key, blank, before, wrong, words",
     [
         ("often", "times", {}, "1", "'1' is no number from 2 to 999"),
-        ("often", "window", {"often_times": "20"}, "1 min", "1 min is too short for 20 visits"),
-        ("night", "end", {"night_begin": "22:00"}, "22:00", "22:00 is when it begins"),
-        ("closer", "tag", TARGETS["tag"], "36h11 3, 8 cm", "is the target itself"),
-        ("closer", "tag", {"slow_tag": "36h11 7, 8 cm"}, "36h11 7, 9 cm", "tag-7 is '36h11 7, 8 cm' already"),
-        ("mute", "button", {"near_output": "buzzer 22"}, "22", "pin 22 is taken by 'buzzer 22'"),
-        ("dark", "place", {}, "91, 13", "is no latitude and longitude"),
+        ("often", "window", {"often_times": "20"}, "1 min", "1 min is not more than 62 s"),
+        ("far", "to", {"far_from": "2 m"}, "1 m", "1 m is not more than 2 m"),
+        ("night", "end", {"night_begin": "22:00"}, "22:00", "the time ends when it begins"),
+        ("mute", "button", {"mute_output": "buzzer 22"}, "gpio 22", "22"),
+        ("dark", "north", {}, "91", "90"),
+        ("floor", "height", {}, "1 deg", "unknown unit 'deg'"),
+        ("water", "medium", {}, "oil", "air, water, sea water"),
+        ("water", "port", {}, "1", "'1' has no unit"),
+        ("stereo", "file", {}, "nothing.toml", "stereo"),
+        (
+            "places",
+            "tags",
+            {},
+            ", ".join(2 * [RECIPES["places"].blanks[1].ready.partition(", { ")[0]]),
+            "3 is listed twice",
+        ),
     ],
 )
 def test_what_is_no_answer_to_a_blank_is_refused_in_a_sentence(
     key: str, blank: str, before: dict[str, str], wrong: str, words: str
 ) -> None:
-    given = {**ANSWERED_CAMERA, **TARGETS["ball"], "wish": f"{key} slow", **before}
+    recipe = key if RECIPES[key].output else f"near {key}"
+    given = {**ANSWERED_CAMERA, **TARGETS["ball"], "recipe": recipe, **before}
     with pytest.raises(ConfigError, match=re.escape(words)):
         step_of(key, blank).accept(known_of(given), wrong)
 
 
-def test_two_wishes_would_not_drive_one_robot() -> None:
+def test_a_second_tag_is_another_than_the_target() -> None:
+    step, known = step_of("closer", "number"), known_of({**ANSWERED_CAMERA, **TARGETS["tag"], "recipe": "closer"})
+    assert step.question(known).ready == "8"
+    with pytest.raises(ConfigError, match="'7' is the target itself"):
+        step.accept(known, "7")
+
+
+def test_two_recipes_would_not_drive_one_robot() -> None:
     with pytest.raises(ConfigError, match="follow and permit would drive one robot"):
-        WishStep().accept(known_of({}), "follow near permit")
+        RecipeStep().accept(known_of({}), "follow near permit")
 
 
-def test_a_button_takes_its_pin_from_the_outputs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_button_is_on_a_pin_of_a_pi_and_an_output_leaves_it_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert step_of("mute", "button").question(known_of({**ANSWERED_CAMERA, **TARGETS["ball"]})).ready == "screen"
     monkeypatch.setattr(Computer, "is_pi", True)
-    assert step_of("mute", "button").question(known_of({**ANSWERED_CAMERA, **TARGETS["ball"]})).ready == "22"
-    near = next(each for each in WISHES if each.key == "near")
-    with pytest.raises(ConfigError, match="pin 22 is taken by 'button 22'"):
-        WishOutputStep(near).accept(known_of({"wish": "mute near", "mute_button": "22"}), "buzzer 22")
+    assert step_of("mute", "button").question(known_of({**ANSWERED_CAMERA, **TARGETS["ball"]})).ready == "gpio 22"
+    given = {**ANSWERED_CAMERA, **TARGETS["ball"], "recipe": "mute near", "mute_button": "gpio 22"}
+    with pytest.raises(ConfigError, match="22"):
+        OutputStep(RECIPES["near"]).accept(known_of(given), "buzzer 22")
 
 
-def test_all_wishes_but_those_for_further_robots_go_into_one_configuration(tmp_path: Path) -> None:
-    wishes = [wish for wish in HAPPENS if wish.key not in {"permit", "slow"}]
-    configuration = loaded(tmp_path, answers("balls", *wishes))
-    assert len(configuration.tests) == 2 * len(wishes)
-    assert {wish.group for wish in wishes} == {wish.group for wish in HAPPENS}
+def test_all_recipes_but_those_for_further_robots_go_into_one_configuration() -> None:
+    recipes = [recipe for recipe in HAPPENS if recipe.key not in {"permit", "slow"}]
+    configuration = loaded(answered("balls", *(recipe.key for recipe in recipes)))
+    assert len(configuration.tests) == 2 * len(recipes)
+    assert {recipe.group for recipe in recipes} == {recipe.group for recipe in HAPPENS}
     words = describe(configuration)
     for clause in (" are raised within ", "sunset"):
         assert any(clause in sentence for sentence in words), clause

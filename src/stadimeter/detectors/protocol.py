@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 from msgspec import Struct, field
 
 from stadimeter.config.plugins import DriverOptions
-from stadimeter.config.units import split_spread
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Plane, Points, Prediction, RejectedCandidate, TargetShape
 from stadimeter.core.frame import Frame
@@ -21,10 +20,6 @@ if TYPE_CHECKING:  # a run draws nothing
 
 # What people try in the table of a detector that finds one target, and what to write in its place.
 ONE_OF_A_KIND = dict.fromkeys(("count", "ids"), "this detector finds one target; `ball` and `tag` find several")
-
-
-# What kinds of target are listed below in the set-up.
-BY_NETWORK, SEVERAL = "Found by a neural network", "Several of one kind"
 
 
 class Detector(Protocol):
@@ -208,81 +203,6 @@ class DrawsTarget(Protocol):
 
     def draw(self) -> Drawing:
         """Return the target at its true size, with the white rim that it needs."""
-
-
-class SetupQuestion(Struct, frozen=True):
-    """A question about a target.
-
-    Attributes:
-        key: The name of its answer; kinds share keys such as ``size``.
-        keys: Returns the keys of the target's table that follow from an answer.
-        ready: The answer that is taken if none is given; empty if there is none.
-        form: How an answer may look; that of a size of two sides begins with "width and height".
-        names: Sizes that have a name.
-        tries: Answers that are tried on the picture. The first with which the target is found is ready, and behind it
-            the number that the target bears.
-        files: Of an answer that names a file, what such files are called, such as ``*.onnx``.
-    """
-
-    key: str
-    text: str
-    keys: Callable[[str], Mapping[str, Any]]
-    ready: str
-    form: str
-    names: tuple[str, ...] = ()
-    tries: tuple[str, ...] = ()
-    files: str = ""
-
-
-class SetupKind(Struct, frozen=True):
-    """A kind of target that people look for in a list.
-
-    Attributes:
-        name: What the answer, and the target in the configuration, are called.
-        meaning: What it is, in some words.
-        questions: What else is asked, in this order.
-        thing: One of it, for sentences; empty for the name.
-        group: What it is listed below; empty for nothing.
-        rank: Where it stands in the list.
-        has_colour: Whether a range of colours is asked for behind the questions: `ProposesColour` finds it.
-        driver: The detector; the set-up fills it in.
-    """
-
-    name: str
-    meaning: str
-    questions: tuple[SetupQuestion, ...]
-    thing: str = ""
-    group: str = ""
-    rank: int = 50
-    has_colour: bool = False
-    driver: str = ""
-
-
-@runtime_checkable
-class AsksInSetup(Protocol):
-    """A detector whose targets the set-up offers."""
-
-    @staticmethod
-    def setup_kinds() -> tuple[SetupKind, ...]:
-        """Return the kinds of target that it finds."""
-
-
-def size_question(
-    thing: str, keys: Callable[[str], Mapping[str, Any]], ready: str, form: str, names: tuple[str, ...] = ()
-) -> SetupQuestion:
-    """Return the question for a size, whose answer may say behind ± how well that is known."""
-
-    def with_tolerance(text: str) -> Mapping[str, Any]:
-        size, tolerance = split_spread(text)
-        return {**keys(size), **({"tolerance": tolerance} if tolerance else {})}
-
-    text = f"How large is the {thing}? The distances are as right as this is: measure it."
-    return SetupQuestion("size", text, with_tolerance, ready, form, names)
-
-
-def count_of(text: str) -> Mapping[str, Any]:
-    """Return the key for how many there are at most."""
-    return {"count": int(text) if text.isdecimal() else text}
 
 
 def check_image(frame: Frame) -> None:

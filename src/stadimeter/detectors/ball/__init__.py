@@ -32,7 +32,6 @@ from stadimeter.detectors.ball.evidence import (
     scene_of,
 )
 from stadimeter.detectors.ball.search import FIRST_REACH_PX, search_at, search_blobs, search_circles
-from stadimeter.detectors.ball.setup import ball_kinds
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText, parse_hsv_range
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
 from stadimeter.detectors.sampling import REGION_SIGMAS, Region
@@ -88,8 +87,6 @@ class BallOptions(DriverOptions):
     def members(self) -> tuple[str, ...]:
         """The numbers from 1 to `count`."""
         return numbered(self.count)
-
-    setup_kinds = staticmethod(ball_kinds)
 
     def build(self, context: DriverContext) -> BallDetector:
         """Return the detector."""

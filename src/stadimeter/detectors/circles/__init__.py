@@ -32,7 +32,7 @@ from stadimeter.detectors.disc.edges import BEND_PARTS, THOROUGHLY, quality
 from stadimeter.detectors.disc.ellipse import EdgePicture, Lens, turns
 from stadimeter.detectors.disc.search import Disc, Judged, list_rejected
 from stadimeter.detectors.hsv import HsvRangeText
-from stadimeter.detectors.protocol import ONE_OF_A_KIND, SetupKind, SetupQuestion, check_image, size_question
+from stadimeter.detectors.protocol import ONE_OF_A_KIND, check_image
 from stadimeter.detectors.sampling import Region, touches_border
 from stadimeter.ranging.flat import CORNERS, CirclesShape
 
@@ -75,17 +75,6 @@ class CirclesOptions(DriverOptions):
                 f"the diameter may be {MAX_DIAMETER_SHARE:.0%} of the spacing; make them smaller"
             )
         return self
-
-    @staticmethod
-    def setup_kinds() -> tuple[SetupKind, ...]:
-        """Return the circles."""
-        form = "from centre to centre, such as 10 cm"
-        size = size_question("triangle of circles", lambda size: {"spacing": size}, "10 cm", form)
-        text = "How large is each circle?"
-        form = "its diameter, such as 5 cm"
-        each = SetupQuestion("circle", text, lambda size: {"diameter": size}, "5 cm", form)
-        meaning = "three equal discs, equally far apart: more accurate than one"
-        return (SetupKind("circles", meaning, (size, each), rank=6),)
 
     def build(self, context: DriverContext) -> CirclesDetector:
         """Return the detector."""

@@ -53,7 +53,7 @@ from stadimeter.detectors.disc.search import (
     refuse_shape,
 )
 from stadimeter.detectors.hsv import HsvRangeText
-from stadimeter.detectors.protocol import ONE_OF_A_KIND, SetupKind, check_image, size_question
+from stadimeter.detectors.protocol import ONE_OF_A_KIND, check_image
 from stadimeter.detectors.sampling import Region, touches_border
 from stadimeter.ranging.flat import DiscShape
 
@@ -117,13 +117,6 @@ class DiscOptions(DriverOptions):
     hsv: HsvRangeText | None = None
     """Its colours, lower and upper limit of hue, saturation and value: ``"0,0,150:179,60,255"`` is white. With it a
     disc is found among many other things, any of which may be an ellipse."""
-
-    @staticmethod
-    def setup_kinds() -> tuple[SetupKind, ...]:
-        """Return the disc."""
-        size = size_question("disc", lambda size: {"diameter": size}, "12 cm", "its diameter, such as 12 cm")
-        meaning = "a flat disc of one brightness, such as a lid or a plate"
-        return (SetupKind("disc", meaning, (size,), rank=4),)
 
     def build(self, context: DriverContext) -> DiscDetector:
         """Return the detector."""

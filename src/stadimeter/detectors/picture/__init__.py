@@ -22,7 +22,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.picture.alignment import MIN_AGREEING, Alignment, PictureFeatures, PictureLight, align
-from stadimeter.detectors.protocol import SetupKind, SetupQuestion, check_image, size_question
+from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.sampling import Light, Region, grey_of, in_light, light_table, touches_border
 from stadimeter.detectors.sides import diagonals_meet, side_lengths, width_and_height
 from stadimeter.errors import PictureError, UnreadableError
@@ -68,17 +68,6 @@ class PictureOptions(DriverOptions):
         if self.width is None and self.height is None:
             raise ValueError('give its width or its height, such as width = "42 cm"')
         return self
-
-    @staticmethod
-    def setup_kinds() -> tuple[SetupKind, ...]:
-        """Return the picture."""
-        text = "Which file shows the picture, from the front and with nothing around it?"
-        form = "a scan or what was printed, such as poster.jpg"
-        file = SetupQuestion("picture", text, lambda path: {"file": path}, "", form, files="*.[jp][pn]g")
-        form = "its width, such as 42 cm; the height follows from the file"
-        size = size_question("picture", lambda width: {"width": width}, "21 cm", form)
-        meaning = "a poster, a book cover or another picture, of which you have a file"
-        return (SetupKind("picture", meaning, (file, size), rank=5),)
 
     def build(self, context: DriverContext) -> PictureDetector:
         """Return the detector.

@@ -14,12 +14,12 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
-from stadimeter.config.units import PAPER, Length, Paper, Tolerance, paper_sides, parse_length, split_quantities
+from stadimeter.config.units import Length, Paper, Tolerance, paper_sides, parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText
-from stadimeter.detectors.protocol import ONE_OF_A_KIND, Remedy, SetupKind, check_image, size_question
+from stadimeter.detectors.protocol import ONE_OF_A_KIND, Remedy, check_image
 from stadimeter.detectors.sampling import Region, touches_border
 from stadimeter.detectors.sheet.candidates import (
     MAX_BEND_PX,
@@ -61,11 +61,6 @@ def _or_by_name(schema: dict[str, Any]) -> None:
     """Say in the JSON Schema that a size by name stands for both sides."""
     schema.pop("required", None)
     schema["anyOf"] = [{"required": ["size"]}, {"required": ["width", "height"]}]
-
-
-def _sides(size: str) -> Mapping[str, Any]:
-    width, *height = split_quantities(size.replace(" x ", ", "))
-    return {"width": width, "height": ", ".join(height)} if height else {"size": size}
 
 
 class SheetOptions(DriverOptions):
@@ -115,14 +110,6 @@ class SheetOptions(DriverOptions):
             known_side=self.known_side,
             relative_sigma=tolerance_m / math.sqrt(self.width * self.height),
         )
-
-    @staticmethod
-    def setup_kinds() -> tuple[SetupKind, ...]:
-        """Return the sheet."""
-        names = tuple(PAPER)
-        form = f"width and height, such as 11 in, 8.5 in, or a name: {', '.join(names)}; cut by hand: A4 ± 3 mm"
-        size = size_question("sheet", _sides, "A4", form, names)
-        return (SetupKind("sheet", "a sheet of paper or a card, lying flat", (size,), rank=2),)
 
     def build(self, context: DriverContext) -> SheetDetector:
         """Return the detector."""

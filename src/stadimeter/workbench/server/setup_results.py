@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from stadimeter.config.driver_tables import ACTUATOR, DRIVER_KINDS
+from stadimeter.config.driver_tables import DRIVER_KINDS
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import HEADER, TAKEN
 from stadimeter.errors import ConfigError
@@ -14,14 +14,11 @@ from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.setup_operations import setup_of
 from stadimeter.workbench.setup.files import (
-    NOTHING,
-    SCREEN,
-    actuator_table,
-    blank_answers,
-    button_table,
     configuration_files,
+    parts_of_answers,
 )
 from stadimeter.workbench.setup.question import CONFIGURATION, Known
+from stadimeter.workbench.setup.recipes import SCREEN, part_table
 from stadimeter.workbench.wiring import (
     circuits_picture,
     find_outputs,
@@ -82,18 +79,13 @@ def _as_text(known: Known, answers: Mapping[str, str]) -> tuple[str, dict[str, s
 
 
 def _chosen_parts(desk: Desk, proposed: str) -> tuple[DriverChoice, ...]:
+    """Return what is wired by the answers, the proposed output last."""
     known = setup_of(desk).known
-    answers = [answer for key, answer in known.answers.items() if key.endswith("_output")]
-    chosen = dict.fromkeys([*(each for each in answers if each != proposed), *([proposed] if proposed else [])])
-    outputs = [
-        known.choose(ACTUATOR, ("actuators", _name(each)), actuator_table(each))
-        for each in chosen
-        if each not in {NOTHING, SCREEN}
-    ]
-    pressed = blank_answers(known.answers, "button").values()
-    buttons = [known.choose(DRIVER_KINDS["buttons"], ("buttons", "button"), button_table(each)) for each in pressed]
-    return (*buttons, *outputs)  # the one that is proposed is the last
-
-
-def _name(answer: str) -> str:
-    return (answer.split() or [""])[0]
+    outputs = [each for each in parts_of_answers(known.answers, "output").values() if each != proposed]
+    pressed = parts_of_answers(known.answers, "button").values()
+    return tuple(
+        known.choose(DRIVER_KINDS[section], (section, answer.split()[0]), part_table(answer))
+        for section, answers in (("buttons", pressed), ("actuators", [*dict.fromkeys(outputs), proposed]))
+        for answer in answers
+        if answer and answer != SCREEN
+    )

@@ -39,7 +39,7 @@ from stadimeter.workbench.setup.question import (
     SetupStep,
     words_of,
 )
-from stadimeter.workbench.setup.target import build_target, kind_of, look, target_shape, why_not_measured
+from stadimeter.workbench.setup.target import build_target, look, target_shape, thing_of, why_not_measured
 
 # The width of what a usual webcam sees.
 GUESS = "60 deg"
@@ -53,7 +53,7 @@ class CalibrationStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """Have the most certain way ready that there is."""
-        name = kind_of(known.answers).thing
+        name = thing_of(known.answers)
         put = f" Put the {name} into the middle of the picture." if known.is_live else ""
         options = tuple(_options(known))
         return Question(
@@ -99,7 +99,7 @@ def _pictures(known: Known, text: str) -> list[str]:
 
 def _measured_to(known: Known) -> str:
     has_limb = target_shape(build_target(known)).limb_radius_m
-    return "its nearest point" if has_limb else f"the {kind_of(known.answers).thing}"
+    return "its nearest point" if has_limb else f"the {thing_of(known.answers)}"
 
 
 def _how_to_measure(known: Known) -> str:
@@ -127,7 +127,7 @@ def _options(known: Known) -> Iterator[Option]:
     if _is_usable(known, CAMERA_FILE):
         yield Option(CAMERA_FILE, "the camera file in this folder")
     if known.is_live:
-        yield Option("1 m", f"the {kind_of(known.answers).thing} is 1 m from the lens now")
+        yield Option("1 m", f"the {thing_of(known.answers)} is 1 m from the lens now")
     named = {f"{known.relative(each.source)}@{Path(each.source).stem}" for each in known.frames if _is_named(each)}
     if named:
         yield Option(shlex.join(sorted(named)), "the distances to the middle that the names say")

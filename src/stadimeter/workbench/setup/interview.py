@@ -19,14 +19,14 @@ from stadimeter.workbench.saving import save_files
 from stadimeter.workbench.setup.calibration_steps import CalibrationStep
 from stadimeter.workbench.setup.camera_step import CameraStep
 from stadimeter.workbench.setup.colour_step import ColourStep
-from stadimeter.workbench.setup.files import WISHES
 from stadimeter.workbench.setup.question import Accepted, Known, Question, SetupStep, words_of
+from stadimeter.workbench.setup.recipe_steps import RecipeStep, base_drivers, recipe_steps
+from stadimeter.workbench.setup.recipes import load_recipes
 from stadimeter.workbench.setup.target import TargetStep, kind_steps, offered_kinds
-from stadimeter.workbench.setup.wish_steps import WishStep, base_drivers, wish_steps
 
 # The questions that come first, whatever the answers; behind the first two stand those of the kind of target.
 _FIRST: tuple[SetupStep, ...] = (
-    CameraStep(), TargetStep(), ColourStep(), CalibrationStep(), WishStep(),
+    CameraStep(), TargetStep(), ColourStep(), CalibrationStep(), RecipeStep(),
 )  # fmt: skip
 
 # After another answer to one of these, later answers of an earlier interview mean nothing.
@@ -76,7 +76,8 @@ class Interview:
             self._asked = {step.key: step.question(self.known)}
         asked = self._asked[step.key]
         ready = self._doubted.get(step.key) or self._earlier.get(step.key) or asked.ready
-        return replace(asked, key=step.key, ready=ready, kind=step.kind or step.key)
+        is_sure = asked.is_sure and step.key not in {*self._doubted, *self._earlier}
+        return replace(asked, key=step.key, ready=ready, kind=step.kind or step.key, is_sure=is_sure)
 
     def answer(self, text: str, *, confirm: bool = True) -> Accepted:
         """Answer the next question.
@@ -138,20 +139,23 @@ class Interview:
 
     def _next(self) -> SetupStep | None:
         answers = self.known.answers
-        steps = (*_FIRST[:2], *kind_steps(answers), *_FIRST[2:], *wish_steps(answers))
+        steps = (*_FIRST[:2], *kind_steps(answers), *_FIRST[2:], *recipe_steps(answers))
         return next((each for each in steps if each.key not in self.known.answers and each.is_asked(self.known)), None)
 
 
 def answer_keys() -> tuple[str, ...]:
     """Return the key of every question that may be asked."""
-    wishes = " ".join(wish.key for wish in WISHES)
-    steps = [step for base in base_drivers() for step in wish_steps({"wish": wishes, "base": base})]
+    recipes = " ".join(load_recipes())
+    steps = [step for base in base_drivers() for step in recipe_steps({"recipe": recipes, "base": base})]
     of_kinds = [step for kind in offered_kinds() for step in kind_steps({"target": kind})]
     return tuple(dict.fromkeys(step.key for step in (*_FIRST, *of_kinds, *steps)))
 
 
 # Keys that were questions of `init`, and what answers them otherwise.
 LEFT = {
+    "wish": "write recipe",
+    **dict.fromkeys(("closer_tag", "permit_tag", "slow_tag"), "write closer_number and closer_side, and so for others"),
+    "dark_place": "write dark_north and dark_east",
     "proof": "write both distances into `calibration`, as pictures: near.jpg@1m far.jpg@3m",
     **dict.fromkeys(("way", "way_2", "way_3"), "`stadimeter calibrate size` learns the size of a target"),
 }

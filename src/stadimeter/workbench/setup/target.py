@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,18 +12,18 @@ from msgspec.structs import replace
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.driver_tables import TARGET, read_driver_table
-from stadimeter.config.plugins import DriverChoice, ReportsLacks, driver_names, load_driver
+from stadimeter.config.plugins import DriverChoice, DriverOptions, ReportsLacks, driver_names, load_driver
 from stadimeter.config.units import UNKNOWN_SIZE, split_spread, validation_context
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.protocol import AsksInSetup, SetupKind, SetupQuestion
 from stadimeter.errors import ConfigError, DriverError, StadimeterError
 from stadimeter.workbench.annotation import Mark, annotate, write_picture
 from stadimeter.workbench.frame_source import BALL, take_frame
 from stadimeter.workbench.measuring import remedies_for
 from stadimeter.workbench.setup.camera_step import SIMULATED
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, SetupStep
+from stadimeter.workbench.setup.recipes import Blank, Recipe, driver_blanks, fill, load_recipes, option_examples
 
 FOUND = f"{PICTURES}/found.png"
 
@@ -39,20 +40,41 @@ MIN_SIZE_M, MAX_SIZE_M = 0.005, 3.0
 WHOLE_SHARE = 0.9
 
 
-def offered_kinds() -> dict[str, SetupKind]:
-    """Return the kinds of target of every installed detector, by name, in the order of the list."""
-    found: list[SetupKind] = []
+def offered_kinds() -> dict[str, Recipe]:
+    """Return the kinds of target of every installed detector, by name, in the order of the list.
+
+    A detector of another package, which no recipe knows, asks for what its options need.
+    """
+    known = load_recipes("recipes/targets")
+    found = dict(known)
     for driver in driver_names(TARGET.group):
+        kinds = [kind for kind in known.values() if kind.driver == driver]
         try:
-            options = load_driver(TARGET.group, driver)
+            model = load_driver(TARGET.group, driver)
         except DriverError:  # its library is missing
+            for kind in kinds:
+                del found[kind.key]
             continue
-        if issubclass(options, AsksInSetup):
-            found += [replace(kind, driver=driver, thing=kind.thing or kind.name) for kind in options.setup_kinds()]
-    return {kind.name: kind for kind in sorted(found, key=lambda kind: kind.rank)}
+        for kind in kinds:
+            found[kind.key] = replace(kind, blanks=tuple(_named(blank, model) for blank in kind.blanks))
+        if not kinds:
+            blanks = tuple(driver_blanks(model))
+            table = "\n".join(f"{{{blank.key}}}" for blank in blanks)
+            found[driver] = Recipe(
+                key=driver, driver=driver, title=model.title or driver, blanks=blanks, configuration=table
+            )
+    return found
 
 
-def kind_of(answers: Mapping[str, str]) -> SetupKind:
+def _named(blank: Blank, model: type[DriverOptions]) -> Blank:
+    """Add the names that an option of the driver knows, such as those of balls."""
+    if not blank.option:
+        return blank
+    names = tuple(each for each in option_examples(model.model_fields[blank.option]) if each[:1].isalpha())
+    return replace(blank, names=names, form=f"{blank.form}: {', '.join(names)}")
+
+
+def kind_of(answers: Mapping[str, str]) -> Recipe:
     """Return the kind of the answers; a `ConfigError` if its detector is not installed any more."""
     kinds = offered_kinds()
     if answers["target"] not in kinds:
@@ -60,13 +82,19 @@ def kind_of(answers: Mapping[str, str]) -> SetupKind:
     return kinds[answers["target"]]
 
 
-def target_table(answers: Mapping[str, str]) -> dict[str, Any]:
-    """Return the table of the target, such as ``[targets.ball]``, as far as the answers say it."""
+def thing_of(answers: Mapping[str, str]) -> str:
+    """Return the word for one target."""
     kind = kind_of(answers)
-    table: dict[str, Any] = {TARGET.key: kind.driver}
-    for asked in kind.questions:
-        if (text := answers.get(asked.key)) is not None:
-            table |= asked.keys(text)
+    return kind.thing or kind.key
+
+
+def target_table(answers: Mapping[str, str]) -> dict[str, Any]:
+    """Return the table of the target, such as ``[targets.ball]``; ready answers stand for those that are not given."""
+    kind = kind_of(answers)
+    table = {TARGET.key: kind.driver, **tomllib.loads(fill(kind.configuration, kind.texts(answers)))}
+    if any(blank.kind in {"size", "sides"} for blank in kind.blanks):
+        _, tolerance = split_spread(answers.get("size", ""))
+        table |= {"tolerance": tolerance} if tolerance else {}
     colour = answers.get("colour", ANY_COLOUR) if kind.has_colour else ANY_COLOUR
     return table if colour == ANY_COLOUR else {**table, "hsv": colour}
 
@@ -183,52 +211,51 @@ class TargetStep(SetupStep):
 
     def question(self, known: Known) -> Question:  # noqa: ARG002
         """List the kinds of every detector."""
-        options = tuple(Option(kind.name, kind.meaning, kind.group) for kind in offered_kinds().values())
+        options = tuple(Option(kind.key, kind.title, kind.group) for kind in offered_kinds().values())
         return Question(text="What shall be measured?", options=options, ready=options[0].answer)
 
     def accept(self, known: Known, text: str) -> Accepted:  # noqa: ARG002
         """Take one of the kinds."""
-        return Accepted(answer=kind_of({"target": text.lower()}).name)
+        return Accepted(answer=kind_of({"target": text.lower()}).key)
 
 
 def kind_steps(answers: Mapping[str, str]) -> Iterator[KindStep]:
     """Yield the questions of the kind that was chosen."""
     if (kind := offered_kinds().get(answers.get("target", ""))) is not None:
-        yield from (KindStep(kind, asked) for asked in kind.questions)
+        yield from (KindStep(kind, blank) for blank in kind.blanks)
 
 
 @dataclass
 class KindStep(SetupStep):
-    """A question that the detector asks about its kind of target."""
+    """A question about a kind of target."""
 
-    of: SetupKind
-    asked_by_kind: SetupQuestion
+    of: Recipe
+    blank: Blank
 
     def __post_init__(self) -> None:
-        self.key = self.asked_by_kind.key
+        self.key = self.blank.key
         # A length that spreads among all that may come has no field for a number alone.
-        self.kind = "" if self.key == "size" and "±" not in self.asked_by_kind.ready else "thing"
-        self.names_files = bool(self.asked_by_kind.files)
+        self.kind = "" if self.blank.kind in {"size", "sides"} else "thing"
+        self.names_files = bool(self.blank.files)
 
     def question(self, known: Known) -> Question:
         """Ask for it, with what the picture shows or the folder holds as the ready answer."""
-        asked = self.asked_by_kind
         seen = self._in_view(known)
-        shows = f"The picture shows {seen or f'no {self.of.thing}'}."
-        files = sorted(path.name for path in known.folder.glob(asked.files)) if asked.files else []
+        shows = f"The picture shows {seen or f'no {self.of.key}'}."
+        files = sorted(path.name for path in known.folder.glob(self.blank.files)) if self.blank.files else []
         has_room = self.key == "size" and self.of.driver == IN_ROOM and known.answers["camera"] == SIMULATED
         return Question(
-            text=asked.text,
-            found=(shows,) if asked.tries else (),
+            text=self.blank.text,
+            found=(shows,) if self.blank.tries else (),
             options=tuple(Option(name, "a file in this folder") for name in files),
-            ready=BALL if has_room else seen or (files[0] if len(files) == 1 else asked.ready),
-            form=asked.form,
-            names=asked.names,
+            ready=BALL if has_room else seen or (files[0] if len(files) == 1 else self.blank.ready),
+            form=self.blank.form,
+            names=self.blank.names,
         )
 
     def _in_view(self, known: Known) -> str:
         """Return the first of the answers to try with which the target is found in the pictures, and its number."""
-        for text in self.asked_by_kind.tries:
+        for text in self.blank.tries:
             try:
                 choice = build_target(known, **{self.key: text})
             except StadimeterError:
@@ -239,15 +266,17 @@ class KindStep(SetupStep):
         return ""
 
     def accept(self, known: Known, text: str) -> Accepted:
-        """Check the answer, the last one with the others; then look for the target, if nothing else says what it is."""
+        """Check the answer with the others; then look for the target, if nothing else says what it is."""
         if self.key == "size" and text.lower() in UNKNOWN_SIZE:
             raise ConfigError(
                 "it can be found out by moving the camera: answer with something of known size, such as a sheet of A4, "
                 "which calibrates the camera; then `stadimeter calibrate size` learns the size of this one"
             )
-        is_last = all(each.key in {*known.answers, self.key} for each in self.of.questions) and not self.of.has_colour
-        table, own = target_table({**known.answers, self.key: text}), self.asked_by_kind.keys(text)
-        if not known.check(TARGET, ("targets", self.of.name), table, None if is_last else own):
+        self.blank.check(text, known.answers)
+        answers = {**known.answers, self.key: text}
+        is_last = all(each.key in answers for each in self.of.blanks) and not self.of.has_colour
+        own = None if is_last else self._own_keys(answers)
+        if not known.check(TARGET, ("targets", self.of.key), target_table(answers), own):
             return Accepted(answer=text)
         choice = build_target(known, **{self.key: text})
         named = (_describe_size(choice.options),) if self.key == "size" and text[:1].isalpha() else ()
@@ -257,6 +286,11 @@ class KindStep(SetupStep):
             raise ConfigError("; ".join(lacks))
         found, words = look(known, choice, text if self.key == "size" else "")
         return Accepted(answer=text, notes=(*named, words), doubt=is_doubtful(found))
+
+    def _own_keys(self, answers: Mapping[str, str]) -> set[str]:
+        """Return the keys of the target's table that follow from this answer."""
+        mine = "\n".join(line for line in self.of.configuration.splitlines() if f"{{{self.key}}}" in line)
+        return {"tolerance", *tomllib.loads(fill(mine, self.of.texts(answers)))}
 
 
 def _describe_size(options: Any) -> str:

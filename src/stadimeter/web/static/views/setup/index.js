@@ -11,8 +11,8 @@ const STEPS = {
   size: () => import("./target.js"),
   colour: () => import("./colour.js"),
   calibration: () => import("./calibration.js"),
-  wish: () => import("./wish.js"),
-  blank: () => import("./wish.js"),
+  recipe: () => import("./recipe.js"),
+  blank: () => import("./recipe.js"),
   output: () => import("./output.js"),
   done: () => import("./save.js"),
 };

@@ -6,11 +6,11 @@ const STAGES = [
   ["Camera", ["camera"]],
   ["Target", ["target", "size", "thing", "colour"]],
   ["Calibration", ["calibration"]],
-  ["What happens", ["wish", "blank"]],
+  ["What happens", ["recipe", "blank"]],
   ["Outputs", ["output", "base", "broker"]],
   ["Save", ["done"]],
 ];
-const FIRST = ["camera", "calibration", "wish"];
+const FIRST = ["camera", "calibration", "recipe"];
 
 function stageOf(key) {
   const kind = FIRST.includes(key)

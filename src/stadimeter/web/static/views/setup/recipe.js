@@ -1,4 +1,4 @@
-// What shall happen: wishes to choose from, and their blanks in a sentence.
+// What shall happen: recipes to choose from, and their blanks in a sentence.
 
 import { h, replace } from "../../dom.js";
 import { choices } from "./question.js";
@@ -7,22 +7,22 @@ import { room } from "./room.js";
 export function widget(step) {
   const mover = room(step.setup);
   if (mover) replace(step.picture.below, mover);
-  return step.question.key === "wish" ? choices(step, { several: true, draw: () => null }) : sentence(step);
+  return step.question.key === "recipe" ? choices(step, { several: true, draw: () => null }) : sentence(step);
 }
 
-/** The wish as a sentence with all its blanks in it, or a field for what is no part of one. */
+/** The recipe as a sentence with all its blanks in it, or a field for what is no part of one. */
 function sentence(step) {
   const { question, setup } = step;
   const template = question.sentence;
   if (!template) {
     return h("label", { class: "field" }, h("span", { class: "sr" }, question.text), twin(step));
   }
-  const wish = question.key.split("_")[0];
+  const recipe = question.key.split("_")[0];
   const given = Object.fromEntries(setup.state.answers.map(({ key, answer }) => [key, answer]));
   const fields = {};
   const parts = template.split(/\{(\w+)\}/).map((part, index) => {
     if (index % 2 === 0) return part;
-    const key = `${wish}_${part}`;
+    const key = `${recipe}_${part}`;
     if (key in given) return h("b", null, given[key]);
     const blank = question.blanks.find((each) => each.key === part);
     const input = h("input", {

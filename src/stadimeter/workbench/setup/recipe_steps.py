@@ -1,0 +1,291 @@
+"""Questions about what shall happen: which recipes, their blanks, and the outputs that they drive."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from stadimeter.config.driver_tables import BASE
+from stadimeter.config.loader import load_configuration
+from stadimeter.config.plugins import DriverOptions, driver_names, load_driver
+from stadimeter.config.units import parse_length
+from stadimeter.errors import ConfigError, DriverError, Problem
+from stadimeter.ranging.similar_triangles import RELIABLE_PX, farthest_m
+from stadimeter.workbench.doctor.computer import Computer
+from stadimeter.workbench.setup.files import blank_answers, chosen_recipes, configuration_files
+from stadimeter.workbench.setup.question import Accepted, Known, Option, Question, SetupStep, words_of
+from stadimeter.workbench.setup.recipes import NOTHING, SCREEN, Blank, Recipe, driver_blanks, load_recipes
+from stadimeter.workbench.setup.target import (
+    WHOLE_SHARE,
+    build_target,
+    members_of,
+    target_shape,
+    target_table,
+    thing_of,
+)
+
+# What most who build a robot that follows have.
+USUAL = "gpio-motors"
+
+# Ready distances are within this share of how far away the target is found reliably: hysteresis needs the rest.
+WITHIN_REACH = 0.8
+
+
+class RecipeStep(SetupStep):
+    """The question of what shall happen."""
+
+    key = "recipe"
+
+    asked = Question(
+        text="What shall happen?",
+        options=tuple(Option(each.key, each.title, each.group) for each in load_recipes().values()),
+        ready="near",
+        form="several of them, by name or number, such as near far",
+    )
+
+    def accept(self, known: Known, text: str) -> Accepted:
+        """Take recipes by their names."""
+        names = list(dict.fromkeys(words_of(text.replace(",", " "))))
+        possible = load_recipes()
+        wrong = [name for name in names if name not in possible]
+        if wrong or not names:
+            raise ConfigError(f"{' '.join(wrong) or text!r} is none of {', '.join(possible)}")
+        chosen = [possible[name] for name in names]
+        robots = [each.key for each in chosen if each.output == "base"]
+        if len(robots) > 1:
+            raise ConfigError(f"{' and '.join(robots)} would drive one robot; choose one of them")
+        if not any(each.configuration and not each.brings_lens for each in chosen):
+            raise ConfigError(f"{' '.join(names)} alone does nothing; add what shall happen, such as near")
+        file = "the stereo file" if any(each.brings_lens for each in chosen) else known.model_file
+        if file and any(each.lens for each in chosen):
+            raise ConfigError(f"write medium and port_m into {file} for that, if it was calibrated in air")
+        if any(each.needs_several for each in chosen) and len(members_of(known.answers)) == 1:
+            raise ConfigError("crowd is for several of one kind; go back to the target, and choose balls or tags")
+        return Accepted(answer=" ".join(names))
+
+
+def recipe_steps(answers: Mapping[str, str]) -> Iterator[SetupStep]:
+    """Yield the questions that the chosen recipes leave open."""
+    for recipe in chosen_recipes(answers):
+        yield from (BlankStep(recipe, blank) for blank in recipe.blanks)
+        if recipe.output == "base":
+            yield BaseStep()
+            if (model := base_drivers().get(answers.get("base", SCREEN))) is not None:
+                yield from (PartStep(recipe, blank) for blank in driver_blanks(model, "base_"))
+        elif recipe.output == "mqtt":
+            yield PartStep(recipe, BROKER)
+        elif recipe.output:
+            yield OutputStep(recipe)
+
+
+def complete_answers(known: Known, changed: Mapping[str, str]) -> dict[str, str] | None:
+    """Return answers that make a configuration: those given, those that are being changed, else the ready ones.
+
+    Outputs that are not chosen yet are shown on the screen only. None where a question is left without a ready answer.
+    """
+    answers = {**known.answers, **changed}
+    for step in recipe_steps(answers):
+        is_output = step.kind == "output" or step.key == "base"
+        answers.setdefault(step.key, SCREEN if is_output else step.question(known).ready)
+        if not answers[step.key]:
+            return None
+    return answers
+
+
+def check_answer(known: Known, recipe: Recipe, key: str, text: str) -> None:
+    """Load the configuration that the answers so far and this one make; raise what is wrong with it.
+
+    Where it stands is nothing that a person has written, so only the sentences are kept.
+    """
+    before, _, _ = f"{known.answers['recipe']} ".partition(f"{recipe.key} ")  # what is behind is asked later
+    answers = complete_answers(known, {key: text, "recipe": before + recipe.key})
+    if answers is None:
+        return
+    try:
+        files = configuration_files(answers, known.lens, known.model_file)
+        load_configuration(known.file, texts={known.path(name): each for name, each in files.items()})
+    except (ConfigError, ValueError) as error:
+        problems = error.problems if isinstance(error, ConfigError) else (Problem(str(error)),)
+        raise ConfigError(Problem(each.message, hint=each.hint) for each in problems) from error
+
+
+def reliable_range_m(known: Known, size_px: float = RELIABLE_PX) -> float:
+    """Return the distance up to which the target is found reliably; of another size, where it looks that large."""
+    if known.camera_model is None:
+        return math.inf
+    return farthest_m(target_shape(build_target(known)), known.camera_model.for_frame(known.frame), size_px)
+
+
+def ready_answers(known: Known, recipe: Recipe) -> dict[str, str]:
+    """Return the ready answers to the blanks, nearer or farther where the camera would not see the target there."""
+    whole_m = reliable_range_m(known, WHOLE_SHARE * min(known.frame.image.shape[:2])) if known.camera_model else 0.0
+    lengths = {blank.key: parse_length(blank.ready) for blank in recipe.blanks if is_distance(recipe, blank)}
+    nearer = min(1.0, WITHIN_REACH * reliable_range_m(known) / max(lengths.values(), default=1.0))
+    scale = max(nearer, whole_m / min(lengths.values(), default=1.0))
+    scaled = {key: f"{scale * length_m:.2g} m" for key, length_m in lengths.items() if scale != 1}
+    return {blank.key: scaled.get(blank.key, blank.ready) for blank in recipe.blanks}
+
+
+def is_distance(recipe: Recipe, blank: Blank) -> bool:
+    """Check whether a blank is how far away the target is, rather than a size, or something of camera and lens."""
+    return blank.unit == "m" and bool(recipe.output) and blank.key != "side"
+
+
+@dataclass
+class BlankStep(SetupStep):
+    """A blank of a recipe."""
+
+    recipe: Recipe
+    blank: Blank
+    kind = "blank"
+
+    def __post_init__(self) -> None:
+        self.key = f"{self.recipe.key}_{self.blank.key}"
+
+    def question(self, known: Known) -> Question:
+        """Ask for it, with an answer ready that this camera can serve."""
+        seen_m = reliable_range_m(known)
+        reach = f"With this camera, the {thing_of(known.answers)} is found reliably up to {seen_m:.2g} m."
+        ready = {**ready_answers(known, self.recipe), self.blank.key: self._ready(known)}
+        return Question(
+            text=f"{self.recipe.title[0].upper()}{self.recipe.title[1:]}. {self.blank.text}",
+            found=(reach,) if is_distance(self.recipe, self.blank) else (),
+            ready=ready[self.blank.key],
+            form="; ".join(filter(None, (f"such as {self.blank.ready}", self.blank.form))),
+            sentence=self.recipe.sentence,
+            blanks=tuple({"key": each.key, "text": each.text, "ready": ready[each.key]} for each in self.recipe.blanks),
+        )
+
+    def _ready(self, known: Known) -> str:
+        """Return the ready answer; of a second tag the first number that is not the target itself."""
+        if self.blank.kind == "part":
+            return self.blank.ready if Computer().is_pi else SCREEN
+        if self.blank.kind == "number":
+            return next(text for text in (self.blank.ready, "8") if not _is_target(known, text))
+        return ready_answers(known, self.recipe)[self.blank.key]
+
+    def accept(self, known: Known, text: str) -> Accepted:
+        """Check its limits and what follows from it; and whether the camera can serve it."""
+        self.blank.check(text, {**known.answers, **blank_answers(self.recipe, known.answers)})
+        if self.blank.kind == "number" and _is_target(known, text):
+            raise ConfigError(f"{text!r} is the target itself, or would be taken for it; choose another number")
+        check_answer(known, self.recipe, self.key, text)
+        seen_m = reliable_range_m(known)
+        if not is_distance(self.recipe, self.blank) or parse_length(text) <= seen_m:
+            return Accepted(answer=text)
+        far = f"That is farther than the {thing_of(known.answers)} is found reliably, {seen_m:.2g} m."
+        return Accepted(answer=text, notes=(far,), doubt=True)
+
+
+def _is_target(known: Known, number: str) -> bool:
+    """Check whether the target may be this tag of the usual family: it has the same number, or any."""
+    own = target_table(known.answers)
+    is_of_family = own["detector"] == "tag" and own.get("family") in {"36h11", "apriltag-36h11"}
+    return is_of_family and number in {str(own.get("id", number)), *map(str, own.get("ids", ()))}
+
+
+@dataclass
+class PartStep(SetupStep):
+    """An option of a base, or the broker: what there is one of for all recipes."""
+
+    recipe: Recipe
+    blank: Blank
+    kind = "blank"
+
+    def __post_init__(self) -> None:
+        self.key = self.blank.key
+
+    def question(self, known: Known) -> Question:  # noqa: ARG002
+        """Ask what its description says; a port is one of those that there are."""
+        options = tuple(Option(name, "a serial port of this computer") for name in self.blank.names)
+        return Question(text=self.blank.text, options=options, ready=self.blank.ready, form=self.blank.form)
+
+    def accept(self, known: Known, text: str) -> Accepted:
+        """Check what follows from it."""
+        check_answer(known, self.recipe, self.key, text)
+        return Accepted(answer=text)
+
+
+BROKER = Blank(
+    key="broker",
+    text="Where is the MQTT broker?",
+    ready="127.0.0.1",
+    form="its name or address, such as homeassistant.local; a port behind a colon if it is not 1883",
+    kind="text",
+)
+
+
+def base_drivers() -> dict[str, type[DriverOptions] | None]:
+    """Return the installed drivers of real bases that drive, by name; None for one whose library is missing."""
+    found: dict[str, type[DriverOptions] | None] = {}
+    for name in driver_names(BASE.group):
+        try:
+            model = load_driver(BASE.group, name)
+        except DriverError:
+            found[name] = None
+        else:
+            if not model.needs_world and not model.only_turns:
+                found[name] = model
+    return found
+
+
+class BaseStep(SetupStep):
+    """The question of what moves the robot."""
+
+    key = "base"
+
+    def question(self, known: Known) -> Question:  # noqa: ARG002
+        """List the bases that have a driver, and the screen."""
+        options = [
+            Option(name, model.title if model else "its library is not installed")
+            for name, model in base_drivers().items()
+        ]
+        return Question(
+            text="What is the robot's base?",
+            options=(*options, Option(SCREEN, "no robot yet; the live view shows what it would do")),
+            ready=USUAL if Computer().is_pi else SCREEN,
+        )
+
+    def accept(self, known: Known, text: str) -> Accepted:  # noqa: ARG002
+        """Check that there is such a driver."""
+        names = base_drivers()
+        if text != SCREEN and text not in names:
+            raise ConfigError(f"{text!r} is none of {', '.join(names)} and {SCREEN}")
+        if text != SCREEN:
+            load_driver(BASE.group, text)
+        return Accepted(answer=text)
+
+
+@dataclass
+class OutputStep(SetupStep):
+    """The question of what a recipe drives."""
+
+    recipe: Recipe
+    kind = "output"
+
+    def __post_init__(self) -> None:
+        self.key = f"{self.recipe.key}_output"
+
+    def question(self, known: Known) -> Question:
+        """Propose the usual output on a Raspberry Pi, on pin 24 where its own is taken, and the screen elsewhere."""
+        driver, pin = self.recipe.output.split()
+        others = {answer for key, answer in known.answers.items() if key.endswith(("_output", "_button"))}
+        is_taken = any(each != self.recipe.output and each.split()[1:] == [pin] for each in others)
+        usual = f"{driver} 24" if is_taken else self.recipe.output
+        wired = Option(usual, "wired to a pin of the header, by its BCM number")
+        screen = Option(SCREEN, "nothing is wired yet; the live view shows it")
+        report = [] if self.recipe.needs_output else [Option(NOTHING, "it only reports")]
+        both = [wired, screen] if Computer().is_pi else [screen, wired]
+        return Question(
+            text=f"What shall “{self.recipe.title}” drive?",
+            options=(*both, *report),
+            ready=both[0].answer,
+            form="buzzer, led, relay or vibration-motor, and a pin, such as buzzer 23; screen; or nothing",
+        )
+
+    def accept(self, known: Known, text: str) -> Accepted:
+        """Check that there is such an output, and that the pin is free."""
+        if text != NOTHING or self.recipe.needs_output:
+            check_answer(known, self.recipe, self.key, text)
+        return Accepted(answer=text)
