@@ -211,7 +211,7 @@ LOOKS = {
     "workbench/frame_source.py": "why there is no picture",
     "workbench/server/tuning.py": "which files are recordings; reading fails by itself",
     "workbench/saving.py": "under the lock of every saver, or a list of what is kept",
-    "workbench/server/setup_desk.py": "the answers are replaced, never removed",
+    "workbench/server/setup_operations.py": "the answers are replaced, never removed",
     "workbench/setup/interview.py": "a word about a version that was just kept",
 }
 """Where a file is looked up, and why nothing depends on it being the same a moment later."""

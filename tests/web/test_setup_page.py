@@ -74,7 +74,8 @@ def kept(here):
 def test_an_answer_that_cannot_be_used_gets_its_sentence_and_nothing_is_lost(page, here, answers, wrong, words):
     begin_at(page, here, answers)
     question = asked(page)
-    page.locator(".setup-text summary").click()
+    if not page.locator(".setup-text input").is_visible():
+        page.locator(".setup-text summary").click()
     page.locator(".setup-text input").fill(wrong)
     go_on(page)
     assert words in page.locator(".setup-error:not([hidden])").first.inner_text()
@@ -91,8 +92,55 @@ def test_a_set_up_that_was_left_is_taken_up_at_its_question_and_goes_back_to_any
     assert "From which distance on?" in asked(page)
     page.get_by_role("button", name="Change the answer to size: 20 cm").click()
     page.get_by_role("heading", name="How large is the ball?").wait_for()
-    assert page.get_by_label("Size", exact=True).input_value() == "20"
+    assert page.locator(".setup-text input").input_value() == "20 cm"
     assert list(kept(here)) == ["camera", "target"]
+
+
+def test_nine_clicks_lead_from_a_camera_to_a_buzzer(page, here):
+    begin_at(page, here, {})
+    clicks = 0
+
+    def click(locator):
+        nonlocal clicks
+        locator.click()
+        clicks += 1
+
+    def on(heading):
+        click(page.locator(".setup-way .primary"))
+        page.get_by_role("heading", name=heading).wait_for()
+
+    page.get_by_label("simulated", exact=False).click()  # one that is there is chosen already
+    on("What shall be measured?")
+    on("What colour is the ball?")
+    click(page.locator(".setup-stage-picture img"))
+    page.locator(".setup-found.is-good").wait_for()
+    on("How far away is the ball?")
+    on("What shall happen?")
+    page.locator(".setup-open:visible input").fill("80 cm")
+    on("drive?")
+    click(page.get_by_label("buzzer 23"))
+    on("Save, and run it")
+    page.get_by_role("heading", name="All 2 tests pass").wait_for()
+    assert clicks + 1 == 9, "one more runs it"
+    assert kept(here)["near_near"] == "80 cm"
+
+
+def test_it_begins_anew_only_after_a_question(page, here):
+    begin_at(page, here, LENS)
+    page.get_by_role("button", name="Begin anew").click()
+    page.get_by_role("dialog").get_by_role("button", name="Cancel").click()
+    assert "What shall happen?" in asked(page)
+    page.get_by_role("button", name="Begin anew").click()
+    page.get_by_role("dialog").get_by_role("button", name="Begin anew").click()
+    page.get_by_role("heading", name="Which camera?").wait_for()
+
+
+def test_a_computer_that_is_not_set_up_begins_with_the_set_up(page, here):
+    page.request.post(f"{here.url}/api/v1/setup/leave", data={}, headers={"Origin": here.url})
+    here.configuration.unlink(missing_ok=True)
+    page.goto(here.url)
+    page.wait_for_selector(".setup")
+    assert page.locator(".setup-way .primary").is_visible()
 
 
 def test_a_pin_is_chosen_by_the_keyboard_and_its_wiring_and_its_danger_are_shown(page, here):

@@ -92,7 +92,7 @@ def answered(tmp_path_factory: pytest.TempPathFactory) -> Path:
         made("answer", answer=answer)
     made("picture", draw="plain")
     made("answer", answer=made("colour", clicks=[BALL_AT])["range"])
-    made("take", distance="1 m", sigma="5 mm")
+    made("answer", answer="1 m ± 5 mm")
     made.close()
     return made.desk.configuration.parent
 
@@ -125,6 +125,19 @@ def test_an_answer_that_cannot_be_kept_is_not_gone_on_from(setup: Setup, monkeyp
     assert setup.question() == "target"
     setup("answer", answer="ball")
     assert setup.question() == "size"
+
+
+def test_a_choice_has_what_each_of_its_options_leaves_open_and_the_room_says_where_its_ball_is(
+    calibrated: Setup,
+) -> None:
+    calibrated("picture")
+    calibrated("world", x_m=2.4)
+    state = calibrated("state")
+    assert state["room"]["x_m"] == 2.4
+    blanks = {option["answer"]: option["blanks"] for option in state["question"]["options"]}
+    assert [(each["key"], each["ready"]) for each in blanks["far"]] == [("far_from", "2 m"), ("far_to", "4 m")]
+    calibrated("answer", answer="far")
+    assert calibrated.question() == "blank"
 
 
 @pytest.mark.long

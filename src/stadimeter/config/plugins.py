@@ -78,7 +78,7 @@ class DriverOptions(OptionsTable):
         needs_pixels: Of a detector, whether it looks for its target in pictures: ``check`` warns where that is small.
         only_turns: Of a base, whether it drives nowhere, such as a camera on a servo.
         emulator: Of a base, the port that emulates what it drives, where that is not ``emulated-`` and its name.
-        title: Of a base, what it is, for `init` and the page.
+        title: Of a base or a detector, what it is, for `init` and the page.
         verb: Of an actuator, what it does when it acts, for descriptions.
         circuit: Of an output or a button, what hangs on its pin, for ``wiring``: ``motor`` (or another coil with its
             own supply), ``buzzer``, ``led``, ``relay`` (a board with an input), ``motor-driver`` or ``button``; empty

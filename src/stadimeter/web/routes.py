@@ -82,8 +82,8 @@ def _run(path: str, op: str, summary: str, **more: Any) -> PageOperation:
     return PageOperation(method="POST", path=f"/api/v1/{path}", op=op, summary=summary, **how)
 
 
-def _set_up(step: str, op: str, summary: str, wait_s: float = WORKBENCH_WAIT_S) -> PageOperation:
-    return _desk("POST", f"setup/{step}", op, summary, body="Anything", body_max=256 * KIB, wait_s=wait_s)
+def _set_up(step: str, op: str, summary: str) -> PageOperation:
+    return _desk("POST", f"setup/{step}", op, summary, body="Anything", body_max=256 * KIB)
 
 
 def _desk(method: Method, path: str, op: str, summary: str, **more: Any) -> PageOperation:
@@ -246,8 +246,7 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
     _set_up("colour", "setup_operations.colour", "Fit the range of colours to clicks"),
     _set_up("camera", "setup_operations.camera", "Look at a camera that is offered, or set its exposure"),
     _set_up("world", "setup_operations.world", "Put the ball of the simulated room somewhere"),
-    _set_up("files", "setup_results.files", "What saving would write"),
-    _set_up("take", "setup_operations.take", "Measure the focal length at a known distance", LONG_WAIT_S),
+    _set_up("files", "setup_operations.files", "What saving would write"),
     _desk(
         "GET", "setup/picture.jpg", "setup_operations.picture",
         "The newest picture of the set-up's camera, with its values in X-Values",
@@ -263,7 +262,7 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         "POST", "certificate/finish", "certifying.finish", "Write the certificate", body={"correct": "boolean"},
     ),
     _desk(
-        "GET", "setup/wiring.svg", "setup_results.wiring", "The wiring as a drawing, with its pins in X-Values",
+        "GET", "setup/wiring.svg", "setup_operations.wiring", "The wiring as a drawing, with its pins in X-Values",
         query={"output": "text"}, media=_SVG,
     ),
 )  # fmt: skip

@@ -131,6 +131,8 @@ function drawState() {
     (each) => each.key,
     () => badge(),
   );
+  // A computer that is not set up yet begins there, unless a person has chosen a view.
+  if (state.code === "no-configuration" && !location.hash && session.right === "operate") location.hash = "setup";
   keyed(part("banners"), banners(isLive), (each) => each.key, banner);
   if (snapshot?.run) write(part("title"), snapshot.run.title ?? "");
 }

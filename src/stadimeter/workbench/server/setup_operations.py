@@ -1,24 +1,45 @@
-"""The set-up, one question at a time: the interview of `stadimeter init` with a live picture beside it.
+"""The set-up, one form at a time: the interview of `stadimeter init` with a live picture beside it.
 
 A picture takes less than a tenth of a second on a desktop computer. These take a second or more on a small Pi: to open
-a camera (``camera``, and ``begin`` where answers are taken up again), ``take``, and ``colour``
+a camera (``camera``, and ``begin`` where answers are taken up again), a distance that calibrates, and ``colour``
 with clicks or ``look``. Answers come in order, so no picture comes meanwhile.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from pathlib import Path
 from typing import Any
 
-from stadimeter.core.camera_model import CameraModel
+from msgspec.structs import replace
+
+from stadimeter.app.exact_json import plain
+from stadimeter.config.driver_tables import CAMERA, DRIVER_KINDS
+from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.units import HEADER, TAKEN
 from stadimeter.core.detection import DetectionStatus
-from stadimeter.errors import ConfigError
+from stadimeter.core.frame import Frame
+from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.colour_aids import NOTHING_STANDS_OUT, colour_picture
+from stadimeter.workbench.frame_source import SETTLING_WAIT_S, source_beside_run
 from stadimeter.workbench.picture_metadata import better_exposure_s
+from stadimeter.workbench.printing import svg_of
+from stadimeter.workbench.saving import check_is_not_ours
+from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
-from stadimeter.workbench.server.setup_desk import SetupDesk
 from stadimeter.workbench.setup import colour_step
-from stadimeter.workbench.setup.camera_step import with_settings
+from stadimeter.workbench.setup.camera_step import CameraStep, HeldCamera, table_of, with_settings
+from stadimeter.workbench.setup.colour_step import ColourTrial
+from stadimeter.workbench.setup.files import (
+    configuration_files,
+    parts_of_answers,
+)
+from stadimeter.workbench.setup.interview import ANSWERS, Interview, load_answers, was_left
+from stadimeter.workbench.setup.question import CONFIGURATION, Accepted, Known, Question, SetupStep
+from stadimeter.workbench.setup.recipe_steps import BlankStep, RecipeStep, recipe_steps
+from stadimeter.workbench.setup.recipes import SCREEN, part_table
+from stadimeter.workbench.setup.target import KindStep, TargetStep, kind_steps
 from stadimeter.workbench.setup.trying import (
     DRAWINGS,
     describe_picture,
@@ -27,6 +48,180 @@ from stadimeter.workbench.setup.trying import (
     look_for_target,
     target_so_far,
 )
+from stadimeter.workbench.wiring import (
+    circuits_picture,
+    find_outputs,
+    header_labels,
+    pin_name,
+    wiring_picture,
+)
+
+
+class SetupDesk:
+    """An interview that may be left and taken up again; its answers are in the folder of the configuration.
+
+    Attributes:
+        trial: The range of colours that is tried.
+        shown: The picture that was shown last, which clicks are about; None before the first.
+    """
+
+    def __init__(self, configuration: Path, run_socket: Path | None = None) -> None:
+        self.folder = configuration.parent
+        self.camera = HeldCamera(partial(source_beside_run, configuration=configuration, socket=run_socket))
+        self.trial = ColourTrial()
+        self.shown: Frame | None = None
+        self._configuration = configuration
+        self._interview: Interview | None = None
+        self._offered: DriverChoice | None = None
+        self._question: Question | None = None
+        self._doubt: tuple[str, ...] = ()
+        self._notes: dict[str, tuple[str, ...]] = {}
+        self._trouble = ""
+
+    @property
+    def interview(self) -> Interview:
+        """The interview; a `ConfigError` before it has begun."""
+        if self._interview is None:
+            raise ConfigError("the set-up has not begun; begin it first")
+        return self._interview
+
+    @property
+    def known(self) -> Known:
+        """The facts known so far; a `ConfigError` before the set-up has begun."""
+        return self.interview.known
+
+    def state(self) -> Mapping[str, Any]:
+        """Return the answers so far and the next question, as JSON has them."""
+        interview = self._interview
+        question = self._next_question(interview) if interview else None
+        answers = interview.known.answers if interview else self._saved()
+        return {
+            "begun": interview is not None,
+            "left": interview is None and was_left(self._file, self._configuration),
+            "folder": str(self.folder),
+            "answers": [
+                {"key": key, "answer": answer, "notes": list(self._notes.get(key, ()))}
+                for key, answer in answers.items()
+            ],
+            "question": _as_json(interview.known, question) if interview and question else None,
+            "room": self.camera.room.where() if self.camera.room else None,
+            "doubt": {"notes": list(self._doubt)} if self._doubt else None,
+            "trouble": self._trouble,
+            "done": interview is not None and question is None,
+        }
+
+    def begin(self, *, anew: bool) -> None:
+        """Begin, or go on where it was left.
+
+        Args:
+            anew: Whether to ask everything again, with the answers of the last time ready.
+        """
+        check_is_not_ours(self._configuration)
+        self.leave()
+        saved = self._saved()
+        known = Known(folder=self.folder, opening=self.camera.hold, looks_ahead=False)
+        if anew or not was_left(self._file, self._configuration):
+            self._interview = Interview(self.folder, earlier=saved, known=known)
+            return
+        self._interview = Interview(self.folder, known=known)
+        for key, accepted in self._interview.resume(saved):
+            self._notes[key] = accepted.notes
+
+    def answer(self, text: str, *, confirm: bool) -> Accepted:
+        """Answer the question; see `Interview.answer`."""
+        key = self.interview.next_key
+        accepted = self.interview.answer(text, confirm=confirm)
+        self._moved_on()
+        self._doubt = accepted.notes if accepted.doubt else ()
+        if not accepted.doubt:
+            self._notes[key] = accepted.notes
+        return accepted
+
+    def back(self) -> bool:
+        """Take back the last answer; return whether there was one."""
+        self._moved_on()
+        return self.interview.back()
+
+    def leave(self) -> None:
+        """Close the camera, and keep the answers."""
+        self.camera.close()
+        self._moved_on()
+        self._interview, self.shown = None, None
+        self._notes.clear()
+        self.trial.forget()
+
+    def offer(self, text: str) -> DriverChoice:
+        """Look through a camera that is not chosen yet; what an answer names.
+
+        Raises:
+            StadimeterError: There is no such camera, or it gives no picture.
+        """
+        if self.interview.next_key != CameraStep.key:
+            raise ConfigError("the camera is chosen already; go back to that question to choose another")
+        choice = self.known.choose(CAMERA, ("camera",), table_of(text))
+        with self.camera.hold(choice) as source:
+            self.shown = source.capture.latest(SETTLING_WAIT_S)
+        self._offered = choice
+        return choice
+
+    def newest(self) -> Frame:
+        """Return the picture that the camera sees now, or one of a recording.
+
+        Raises:
+            ConfigError: No camera has been chosen.
+            DriverError: It gives no picture.
+        """
+        choice = self._offered or self.known.camera
+        if choice is None:
+            raise ConfigError("no camera has been chosen yet")
+        if self._offered is None and not self.known.is_live:
+            self.shown = self.known.frame
+            return self.shown
+        with self.camera.hold(choice) as source:
+            self.shown = source.capture.latest(SETTLING_WAIT_S)
+        return self.shown
+
+    def _moved_on(self) -> None:
+        self._question, self._offered, self._doubt, self._trouble = None, None, (), ""
+
+    def _next_question(self, interview: Interview) -> Question | None:
+        """Return the next question; where an earlier answer is of no use any more, that one is asked again."""
+        while self._question is None and interview.next_key:
+            try:
+                self._question = interview.question()
+            except StadimeterError as error:
+                self._trouble = str(error)
+                if not interview.back():
+                    raise
+        return self._question
+
+    def _saved(self) -> Mapping[str, str]:
+        return load_answers(self._file) if self._file.exists() else {}
+
+    @property
+    def _file(self) -> Path:
+        return self.folder / ANSWERS
+
+
+# Questions whose options leave others open, which one form asks together with them.
+_OPENED_BY: Mapping[str, Callable[[Mapping[str, str]], Iterable[SetupStep]]] = {
+    TargetStep.key: kind_steps,
+    RecipeStep.key: recipe_steps,
+}
+
+
+def _as_json(known: Known, question: Question) -> dict[str, Any]:
+    """Return a question as JSON has it, with the blanks of each of its options."""
+    options = []
+    for option in question.options:
+        chosen = replace(known, answers={**known.answers, question.key: option.answer})
+        blanks = [
+            {**plain(step.question(chosen)), "key": step.key, "text": step.blank.text}
+            for step in (_OPENED_BY[question.key](chosen.answers) if question.key in _OPENED_BY else ())
+            if isinstance(step, KindStep | BlankStep)
+        ]
+        options.append({**option._asdict(), "blanks": blanks})
+    return {**plain(question), "found": list(question.found), "options": options}
 
 
 def setup_of(desk: Desk) -> SetupDesk:
@@ -134,23 +329,20 @@ def camera(desk: Desk, camera: str, exposure: str = "", resolution: str = "") ->
 def colour(
     desk: Desk,
     clicks: tuple[tuple[float, float], ...] = (),
-    forget: bool | int | None = None,
+    *,
+    forget: bool = False,
     range_: str | None = None,
     of: str = "newest",
-    *,
     look: bool = False,
 ) -> dict[str, Any]:
     """Try a range of colours: from clicks on the picture that was shown last, or a given one.
 
-    With ``look``, that of what stands out by itself, which takes seconds. ``forget`` takes back all clicks if it is
-    true, or the one of that number, from 0, as the answer lists them.
+    With ``look``, that of what stands out by itself, which takes seconds. ``forget`` takes back all clicks.
     """
     setup = setup_of(desk)
     frame, trial = setup.shown or setup.newest(), setup.trial
-    if forget is True:
+    if forget:
         trial.forget()
-    elif forget is not None:
-        trial.forget_click(forget)
     if range_ is not None:
         trial.take(range_, frame)
     if look and not trial.look(frame):
@@ -159,7 +351,7 @@ def colour(
     if clicks:
         is_pointed_at = trial.point(frame, clicks, same_picture=of == "kept")
     if not trial.colour:
-        return {"range": "", "found": False, "words": colour_step.CLICK, "others": [], "pictures": 0, "clicks": []}
+        return {"range": "", "found": False, "words": colour_step.CLICK, "others": [], "pictures": 0}
     seen = colour_step.view_range((trial.seen_in if clicks else None) or frame, trial.colour)
     is_found = is_pointed_at and seen.detection.status is not DetectionStatus.NOT_FOUND
     return {
@@ -170,27 +362,7 @@ def colour(
         "width_px": seen.detection.width_px if is_found else None,
         "others": [{"centre_px": list(each.centre_px), "size_px": each.size_px} for each in seen.others],
         "pictures": len(trial.samples),
-        "clicks": [list(place) for place in trial.places],
     }
-
-
-@operation
-def take(desk: Desk, distance: str, sigma: str = "", *, confirm: bool = True) -> dict[str, Any]:
-    """Take frames of the target at a known distance, and say what lens follows; takes a second or more."""
-    setup = setup_of(desk)
-    if setup.interview.next_key != "calibration":
-        raise ConfigError("no distance is asked for now")
-    given = f"{distance} ± {sigma.strip()}" if sigma.strip() else distance
-    accepted = setup.answer(given, confirm=confirm)
-    return {**setup.state(), **lens_as_json(setup.known.camera_model), "notes": list(accepted.notes)}
-
-
-def lens_as_json(model: CameraModel | None) -> dict[str, Any]:
-    """Return the focal length and what goes with it; nulls for no lens yet."""
-    if model is None:
-        return {"focal_px": None, "focal_sigma_px": None, "edge_bias_px": None}
-    sigma_px = model.fx_px * model.focal_relative_sigma
-    return {"focal_px": model.fx_px, "focal_sigma_px": sigma_px, "edge_bias_px": model.edge_bias_px}
 
 
 @operation
@@ -201,3 +373,66 @@ def world(desk: Desk, x_m: float, y_m: float = 0.0) -> Mapping[str, Any]:
         raise ConfigError("there is no simulated room before this camera; move the real thing")
     room.place(x_m, y_m)
     return room.where()
+
+
+@operation
+def wiring(desk: Desk, output: str = "") -> DeskReply:
+    """Answer the header and the circuits of the outputs that are chosen, as SVG.
+
+    ``output`` is one that is not chosen yet, such as ``buzzer 23``. Then the drawing is its circuit alone: ``wires``
+    has the pins of the header that it goes to, and ``notes`` what is to be minded.
+    """
+    parts = _chosen_parts(desk, output)
+    outputs = find_outputs(parts)
+    alone = outputs[-1:] if output else ()
+    labels = header_labels(outputs)
+    pins = [
+        {
+            "number": number,
+            "name": pin_name(number),
+            "gpio": what if isinstance(what, int) else None,
+            "taken_by": list(labels.get(number, ())),
+            "warning": TAKEN.get(what, "") if isinstance(what, int) else "",
+        }
+        for number, what in enumerate(HEADER, start=1)
+    ]
+    wires = [{"number": number, "name": pin_name(number)} for number in sorted(header_labels(alone))]
+    notes = [note for each in alone for note in each.notes]
+    drawing = circuits_picture(alone) if alone else wiring_picture(parts)
+    return DeskReply(data={"pins": pins, "wires": wires, "notes": notes}, attached=svg_of(drawing).encode())
+
+
+@operation
+def files(desk: Desk) -> dict[str, Any]:
+    """Answer the files that Save would write, what `check` finds in them, and what their tests come to."""
+    setup = setup_of(desk)
+    if setup.interview.next_key:
+        raise ConfigError("there are questions left")
+    text, others = _as_text(setup.known, setup.known.answers)
+    checked = editing.check(desk, text, others, tests=True)
+    return {
+        "files": [{"name": name, "text": each} for name, each in {desk.configuration.name: text, **others}.items()],
+        "findings": checked["problems"],
+        "words": checked["words"],
+        "tests": checked["tests"],
+        "base_version": editing.version_of(editing.saved_text(desk)),
+    }
+
+
+def _as_text(known: Known, answers: Mapping[str, str]) -> tuple[str, dict[str, str]]:
+    """Return the configuration that answers come to, and the files beside it by their names."""
+    made = configuration_files(answers, known.lens, known.model_file)
+    return made.pop(CONFIGURATION), made
+
+
+def _chosen_parts(desk: Desk, proposed: str) -> tuple[DriverChoice, ...]:
+    """Return what is wired by the answers, the proposed output last."""
+    known = setup_of(desk).known
+    outputs = [each for each in parts_of_answers(known.answers, "output").values() if each != proposed]
+    pressed = parts_of_answers(known.answers, "button").values()
+    return tuple(
+        known.choose(DRIVER_KINDS[section], (section, answer.split()[0]), part_table(answer))
+        for section, answers in (("buttons", pressed), ("actuators", [*dict.fromkeys(outputs), proposed]))
+        for answer in answers
+        if answer and answer != SCREEN
+    )

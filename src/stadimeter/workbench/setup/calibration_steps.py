@@ -165,7 +165,7 @@ def _from_pictures(known: Known, pictures: list[str], answer: str, seen: tuple[s
 def _accept_lens(
     known: Known, model: CameraModel, answer: str, notes: tuple[str, ...], model_file: str = ""
 ) -> Accepted:
-    known.camera_model, known.model_file = model, model_file
+    known.camera_model, known.model_file, known.reach_m = model, model_file, None
     words = (*notes, describe_lens(model))
     why_not = why_not_measured(known, model)
     return Accepted(

@@ -107,32 +107,6 @@ class ColourTrial(Struct):
             ball = view_range(frame, self.finds).detection
         return range_figures(seen, ball)
 
-    @property
-    def places(self) -> list[Place]:
-        """The clicks that count, oldest first."""
-        return [place for sample in self.samples for place in sample.places_px]
-
-    def forget_click(self, number: int) -> None:
-        """Take a click back, by its number in `places`, and fit the range to the others.
-
-        Raises:
-            ConfigError: There is no such click, or the others give no range; nothing has changed.
-        """
-        if not 0 <= number < len(self.places):
-            raise ConfigError("that click is not there any more")
-        left = []
-        for sample in self.samples:
-            places = tuple(place for at, place in enumerate(sample.places_px) if at != number)
-            number -= len(sample.places_px)
-            left += [sample._replace(places_px=places)] if places else []
-        if not left:
-            self.forget()
-            return
-        fit = _fit_colour(tuple(left))
-        if fit is None:
-            raise ConfigError(ONLY_BACKGROUND)
-        self.samples, self.colour = left, fit.colour
-
     def forget(self) -> None:
         """Begin again."""
         self.samples, self.colour, self.seen_in, self.finds, self._missed = [], "", None, "", []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -35,6 +35,7 @@ class Known(Struct, kw_only=True):
         is_live: Whether it shows what is before it now, rather than a recording.
         frames: Pictures of it: one of a live camera, a few from all over a recording. The first is shown to people.
         camera_model: The lens; None before the calibration.
+        reach_m: From where on to where the target is seen through the lens, see `reach_m`; None for not known.
         model_file: The camera file that was there already; empty where one has to be written.
         opening: Opens the camera for a look through it.
         looks_ahead: Whether a question finds out by itself what takes seconds to find: what each camera sees, and what
@@ -47,6 +48,7 @@ class Known(Struct, kw_only=True):
     is_live: bool = False
     frames: tuple[Frame, ...] = ()
     camera_model: CameraModel | None = None
+    reach_m: tuple[float, float] | None = None
     model_file: str = ""
     opening: Opening = open_camera
     looks_ahead: bool = True
@@ -134,11 +136,13 @@ class Option(NamedTuple):
 
     Attributes:
         group: What it is listed below; empty for nothing.
+        picture: A drawing of it, see `Recipe`; empty for none.
     """
 
     answer: str
     meaning: str
     group: str = ""
+    picture: str = ""
 
 
 class Question(Struct, frozen=True, kw_only=True):
@@ -156,8 +160,6 @@ class Question(Struct, frozen=True, kw_only=True):
             else a kind of target needs), ``colour``, ``calibration``, ``recipe``, ``blank``,
             ``output``, ``base`` or ``broker``.
         names: Sizes that have a name, of a `size`.
-        sentence: The recipe that a blank is of, with each of its blanks in braces.
-        blanks: The blanks of that sentence: ``key``, ``text`` and the ``ready`` answer.
     """
 
     text: str
@@ -170,8 +172,6 @@ class Question(Struct, frozen=True, kw_only=True):
     unattended: str = ""
     kind: str = ""
     names: tuple[str, ...] = ()
-    sentence: str = ""
-    blanks: tuple[Mapping[str, str], ...] = ()
 
 
 class Accepted(Struct, frozen=True, kw_only=True):

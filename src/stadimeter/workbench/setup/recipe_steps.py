@@ -110,18 +110,22 @@ def check_answer(known: Known, recipe: Recipe, key: str, text: str) -> None:
         raise ConfigError(Problem(each.message, hint=each.hint) for each in problems) from error
 
 
-def reliable_range_m(known: Known, size_px: float = RELIABLE_PX) -> float:
-    """Return the distance up to which the target is found reliably; of another size, where it looks that large."""
+def reach_m(known: Known) -> tuple[float, float]:
+    """Return from which distance on the target is whole in the picture, and up to which it is found reliably."""
     if known.camera_model is None:
-        return math.inf
-    return farthest_m(target_shape(build_target(known)), known.camera_model.for_frame(known.frame), size_px)
+        return 0.0, math.inf
+    if known.reach_m is None:
+        shape, lens = target_shape(build_target(known)), known.camera_model.for_frame(known.frame)
+        whole_px = WHOLE_SHARE * min(lens.width_px, lens.height_px)
+        known.reach_m = farthest_m(shape, lens, whole_px), farthest_m(shape, lens, RELIABLE_PX)
+    return known.reach_m
 
 
 def ready_answers(known: Known, recipe: Recipe) -> dict[str, str]:
     """Return the ready answers to the blanks, nearer or farther where the camera would not see the target there."""
-    whole_m = reliable_range_m(known, WHOLE_SHARE * min(known.frame.image.shape[:2])) if known.camera_model else 0.0
+    whole_m, seen_m = reach_m(known)
     lengths = {blank.key: parse_length(blank.ready) for blank in recipe.blanks if is_distance(recipe, blank)}
-    nearer = min(1.0, WITHIN_REACH * reliable_range_m(known) / max(lengths.values(), default=1.0))
+    nearer = min(1.0, WITHIN_REACH * seen_m / max(lengths.values(), default=1.0))
     scale = max(nearer, whole_m / min(lengths.values(), default=1.0))
     scaled = {key: f"{scale * length_m:.2g} m" for key, length_m in lengths.items() if scale != 1}
     return {blank.key: scaled.get(blank.key, blank.ready) for blank in recipe.blanks}
@@ -145,16 +149,13 @@ class BlankStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """Ask for it, with an answer ready that this camera can serve."""
-        seen_m = reliable_range_m(known)
+        _, seen_m = reach_m(known)
         reach = f"With this camera, the {thing_of(known.answers)} is found reliably up to {seen_m:.2g} m."
-        ready = {**ready_answers(known, self.recipe), self.blank.key: self._ready(known)}
         return Question(
             text=f"{self.recipe.title[0].upper()}{self.recipe.title[1:]}. {self.blank.text}",
             found=(reach,) if is_distance(self.recipe, self.blank) else (),
-            ready=ready[self.blank.key],
+            ready=self._ready(known),
             form="; ".join(filter(None, (f"such as {self.blank.ready}", self.blank.form))),
-            sentence=self.recipe.sentence,
-            blanks=tuple({"key": each.key, "text": each.text, "ready": ready[each.key]} for each in self.recipe.blanks),
         )
 
     def _ready(self, known: Known) -> str:
@@ -163,7 +164,7 @@ class BlankStep(SetupStep):
             return self.blank.ready if Computer().is_pi else SCREEN
         if self.blank.kind == "number":
             return next(text for text in (self.blank.ready, "8") if not _is_target(known, text))
-        return ready_answers(known, self.recipe)[self.blank.key]
+        return ready_answers(known, self.recipe)[self.blank.key] if self.blank.unit == "m" else self.blank.ready
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Check its limits and what follows from it; and whether the camera can serve it."""
@@ -171,7 +172,7 @@ class BlankStep(SetupStep):
         if self.blank.kind == "number" and _is_target(known, text):
             raise ConfigError(f"{text!r} is the target itself, or would be taken for it; choose another number")
         check_answer(known, self.recipe, self.key, text)
-        seen_m = reliable_range_m(known)
+        _, seen_m = reach_m(known)
         if not is_distance(self.recipe, self.blank) or parse_length(text) <= seen_m:
             return Accepted(answer=text)
         far = f"That is farther than the {thing_of(known.answers)} is found reliably, {seen_m:.2g} m."

@@ -126,7 +126,7 @@ class Recipe(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     Attributes:
         rank: Where it stands in the list.
         group: What it is listed below; those of one group stand together.
-        sentence: The title with its blanks, for a page that has them filled in there.
+        picture: A drawing of it, as the path of an SVG of 80 by 60.
         output: The ready answer to what it drives; ``base`` for a robot, ``mqtt`` for messages only.
         camera: What else stands in ``[camera]``; `target` in the target's table, `lens` in the camera file.
         brings_lens: Whether a file that it names has the lens, so that the camera has no `model`.
@@ -140,7 +140,7 @@ class Recipe(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     rank: int = 1000
     key: str = ""
     group: str = ""
-    sentence: str = ""
+    picture: str = ""
     output: str = ""
     camera: str = ""
     target: str = ""

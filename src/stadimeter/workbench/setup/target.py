@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -40,29 +42,31 @@ MIN_SIZE_M, MAX_SIZE_M = 0.005, 3.0
 WHOLE_SHARE = 0.9
 
 
-def offered_kinds() -> dict[str, Recipe]:
+def offered_kinds() -> Mapping[str, Recipe]:
     """Return the kinds of target of every installed detector, by name, in the order of the list.
 
     A detector of another package, which no recipe knows, asks for what its options need.
     """
+    return _kinds(tuple(driver_names(TARGET.group)))
+
+
+@cache
+def _kinds(drivers: tuple[str, ...]) -> Mapping[str, Recipe]:
     known = load_recipes("recipes/targets")
-    found = dict(known)
-    for driver in driver_names(TARGET.group):
-        kinds = [kind for kind in known.values() if kind.driver == driver]
-        try:
-            model = load_driver(TARGET.group, driver)
-        except DriverError:  # its library is missing
-            for kind in kinds:
-                del found[kind.key]
-            continue
-        for kind in kinds:
-            found[kind.key] = replace(kind, blanks=tuple(_named(blank, model) for blank in kind.blanks))
-        if not kinds:
-            blanks = tuple(driver_blanks(model))
-            table = "\n".join(f"{{{blank.key}}}" for blank in blanks)
-            found[driver] = Recipe(
-                key=driver, driver=driver, title=model.title or driver, blanks=blanks, configuration=table
-            )
+    models = {}
+    for driver in drivers:
+        with suppress(DriverError):  # its library is missing
+            models[driver] = load_driver(TARGET.group, driver)
+    found = {
+        key: replace(kind, blanks=tuple(_named(blank, models[kind.driver]) for blank in kind.blanks))
+        for key, kind in known.items()
+        if kind.driver in models
+    }
+    for driver in models.keys() - {kind.driver for kind in known.values()}:
+        blanks = tuple(driver_blanks(models[driver]))
+        table = "\n".join(f"{{{blank.key}}}" for blank in blanks)
+        title = models[driver].title or driver
+        found[driver] = Recipe(key=driver, driver=driver, title=title, blanks=blanks, configuration=table)
     return found
 
 
@@ -211,7 +215,7 @@ class TargetStep(SetupStep):
 
     def question(self, known: Known) -> Question:  # noqa: ARG002
         """List the kinds of every detector."""
-        options = tuple(Option(kind.key, kind.title, kind.group) for kind in offered_kinds().values())
+        options = tuple(Option(kind.key, kind.title, kind.group, kind.picture) for kind in offered_kinds().values())
         return Question(text="What shall be measured?", options=options, ready=options[0].answer)
 
     def accept(self, known: Known, text: str) -> Accepted:  # noqa: ARG002
@@ -241,12 +245,12 @@ class KindStep(SetupStep):
     def question(self, known: Known) -> Question:
         """Ask for it, with what the picture shows or the folder holds as the ready answer."""
         seen = self._in_view(known)
-        shows = f"The picture shows {seen or f'no {self.of.key}'}."
+        shows = (f"The picture shows {seen or f'no {self.of.key}'}.",) if self.blank.tries and known.looks_ahead else ()
         files = sorted(path.name for path in known.folder.glob(self.blank.files)) if self.blank.files else []
         has_room = self.key == "size" and self.of.driver == IN_ROOM and known.answers["camera"] == SIMULATED
         return Question(
             text=self.blank.text,
-            found=(shows,) if self.blank.tries else (),
+            found=shows,
             options=tuple(Option(name, "a file in this folder") for name in files),
             ready=BALL if has_room else seen or (files[0] if len(files) == 1 else self.blank.ready),
             form=self.blank.form,
@@ -255,7 +259,7 @@ class KindStep(SetupStep):
 
     def _in_view(self, known: Known) -> str:
         """Return the first of the answers to try with which the target is found in the pictures, and its number."""
-        for text in self.blank.tries:
+        for text in self.blank.tries if known.looks_ahead else ():
             try:
                 choice = build_target(known, **{self.key: text})
             except StadimeterError:

@@ -1,7 +1,7 @@
 // The colour of a ball of the run, by sliders beside what has that colour in the run's picture now.
 
 import { colourSliders } from "../../colour_sliders.js";
-import { showModal } from "../../dialog.js";
+import { ask, showModal } from "../../dialog.js";
 import { button, h, write } from "../../dom.js";
 import { distance } from "../../format.js";
 import { Saving } from "../edit/saving.js";
@@ -25,20 +25,24 @@ export function openColour(target, { api, say, unit }) {
     h("h2", null, `Colour of ${target}`),
     h("div", { class: "colour-beside" }, h("div", { class: "stack" }, image, words), sliders.element),
     saving.element,
-    h(
-      "div",
-      { class: "row end" },
-      button("Close", () => dialog.close()),
-      save,
-    ),
+    h("div", { class: "row end" }, button("Close", leave), save),
   );
   let version = null;
   dialog.addEventListener("close", () => {
     stop.abort();
     URL.revokeObjectURL(image.src);
   });
+  dialog.addEventListener("cancel", (event) => {
+    event.preventDefault(); // Escape
+    leave();
+  });
   showModal(dialog);
   next();
+
+  async function leave() {
+    const words = "The sliders were moved, and the range was not saved.";
+    if (save.disabled || (await ask({ title: "Leave without saving?", words, action: "Leave" }))) dialog.close();
+  }
 
   async function next() {
     let pause = PAUSE_MS;

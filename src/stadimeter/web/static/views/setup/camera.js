@@ -1,7 +1,7 @@
 // The camera: those that are there, with a picture of each; the one that is chosen is shown live, with its exposure.
 
 import { button, h, replace } from "../../dom.js";
-import { choices } from "./question.js";
+import { choices } from "./form.js";
 
 const SETTLED_MS = 500;
 

@@ -17,7 +17,7 @@ export function widget(step) {
 }
 
 class Colour {
-  #state = { clicks: [], counted: [], others: [], pictures: 0, view: "mask" };
+  #state = { clicks: [], others: [], pictures: 0, view: "mask" };
   #isAsking = false;
   #waiting = null;
 
@@ -115,7 +115,7 @@ class Colour {
 
   #taken(answer, args) {
     const { step, words } = this;
-    Object.assign(this.#state, { others: answer.others, pictures: answer.pictures, counted: answer.clicks });
+    Object.assign(this.#state, { others: answer.others, pictures: answer.pictures });
     if (answer.range || args.forget !== undefined) step.set(answer.range);
     if (!this.#waiting) this.sliders.show(answer.range);
     step.say("");
@@ -127,17 +127,12 @@ class Colour {
   }
 
   #tell() {
-    const { pictures, counted } = this.#state;
+    const { pictures } = this.#state;
     this.again.hidden = !pictures;
     replace(
       this.kept,
       pictures > 0 &&
         h("span", { class: "quiet" }, `${pictures} ${pictures === 1 ? "picture counts" : "pictures count"}.`),
-      counted.map(([x_px, y_px], number) =>
-        button(`${x_px}, ${y_px} ✕`, () => this.#ask({ forget: number }), "small", {
-          "aria-label": `Forget click ${number + 1}, at ${x_px}, ${y_px}`,
-        }),
-      ),
     );
   }
 

@@ -1,18 +1,16 @@
 // Set-up: one question at a time, with the picture beside it. The questions are those of `stadimeter init`.
 
-import { h, inCode, replace } from "../../dom.js";
+import { ask } from "../../dialog.js";
+import { button, h, inCode, replace } from "../../dom.js";
+import { distance } from "../../format.js";
+import { answerForm } from "./form.js";
 import { Picture } from "./picture.js";
-import { answerForm } from "./question.js";
 import { drawRail } from "./rail.js";
 
 const STEPS = {
   camera: () => import("./camera.js"),
-  target: () => import("./target.js"),
-  size: () => import("./target.js"),
   colour: () => import("./colour.js"),
   calibration: () => import("./calibration.js"),
-  recipe: () => import("./recipe.js"),
-  blank: () => import("./recipe.js"),
   output: () => import("./output.js"),
   done: () => import("./save.js"),
 };
@@ -56,6 +54,8 @@ class SetUp {
   }
 
   async beginAnew() {
+    const words = "Every question is asked again, with your answers ready. What is saved stays until you save again.";
+    if (!(await ask({ title: "Begin the set-up anew?", words, action: "Begin anew" }))) return;
     this.picture.stop();
     try {
       this.show(await this.#begin(true));
@@ -118,11 +118,12 @@ class SetUp {
     this.state = state;
     this.picture.mode({});
     this.aside = h("div", { class: "stack" });
+    const mover = state.room && room(this, state.room.x_m);
     const hasCamera = state.answers.some(({ key }) => key === "camera");
     const [title, ...more] = state.done ? ["Save, and run it"] : state.question.text.split(/(?<=\?) /);
     const heading = h("h1", { tabindex: -1 }, title);
     const form = kind === "done" ? widget(this) : answerForm(this, widget);
-    const side = h("aside", { class: "setup-side", hidden: !hasCamera }, this.picture.element, this.aside);
+    const side = h("aside", { class: "setup-side", hidden: !hasCamera }, this.picture.element, mover, this.aside);
     replace(
       this.#root,
       h(
@@ -142,7 +143,7 @@ class SetUp {
           h(
             "p",
             { class: "setup-end" },
-            h("button", { type: "button", class: "button bare", onclick: () => this.beginAnew() }, "Begin anew"),
+            button("Begin anew", () => this.beginAnew(), "bare"),
           ),
       ),
     );
@@ -223,4 +224,28 @@ class SetUp {
       ),
     );
   }
+}
+
+/** What moves the ball of the simulated room, as a hand would; it begins where the ball is. */
+function room({ api, context }, x_m) {
+  const inUnit = (x) => distance(x, null, { ...context.unit, decimals: 1 }).text;
+  const said = h("output", null, inUnit(x_m));
+  const ahead = h("input", {
+    type: "range",
+    min: 0.4,
+    max: 6,
+    step: 0.1,
+    value: x_m,
+    "aria-label": "Distance of the simulated ball in metres",
+    oninput: () => {
+      said.value = inUnit(Number(ahead.value));
+      api.post("setup/world", { x_m: Number(ahead.value) }).catch((error) => context.say(error.message, "error"));
+    },
+  });
+  return h(
+    "label",
+    { class: "field setup-room" },
+    h("span", null, "The middle of the simulated ball is at ", said),
+    ahead,
+  );
 }

@@ -2,7 +2,7 @@
 
 import { h, replace } from "../../dom.js";
 import { holdButton } from "../../hold_button.js";
-import { choices } from "./question.js";
+import { choices } from "./form.js";
 
 const PARTS = [
   ["buzzer", "Buzzer"],

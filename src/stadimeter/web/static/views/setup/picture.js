@@ -25,7 +25,6 @@ export class Picture {
     this.stage = h("div", { class: "setup-stage-picture" }, this.image, this.marks);
     this.caption = h("p", { class: "setup-caption quiet small", role: "status" });
     this.below = h("div", { class: "stack" });
-    this.ball_m = 1.1; // where the ball of the simulated room is
     this.element = h("figure", { class: "setup-picture" }, this.stage, h("figcaption", null, this.caption, this.below));
   }
 

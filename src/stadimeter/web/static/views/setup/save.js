@@ -2,7 +2,6 @@
 
 import { differenceView } from "../../difference.js";
 import { h, inCode, replace } from "../../dom.js";
-import { moment } from "../../format.js";
 
 export function widget(setup) {
   const root = h("div", { class: "panel stack" }, h("p", { class: "quiet" }, "Writing it, and trying its tests …"));
@@ -102,7 +101,6 @@ function draw(setup, root, made, there, words) {
         text(configuration),
     ),
     others.map((each) => h("details", null, h("summary", null, each.name), text(each))),
-    versions(setup, root, there),
   );
   root.querySelector("[data-first]")?.focus({ preventScroll: true });
 }
@@ -164,38 +162,6 @@ function tests(all) {
           !ok && h("span", null, `: ${words}`),
         ),
       ),
-    ),
-  );
-}
-
-function versions(setup, root, { versions: kept, version }) {
-  if (!kept.length) return null;
-  const bringBack = (id) => async () => {
-    try {
-      await setup.api.post(`configuration/versions/${encodeURIComponent(id)}/restore`, { base_version: version });
-      setup.context.say("The former version is back. The run goes by it when it is reloaded.");
-      load(setup, root);
-    } catch (error) {
-      setup.context.say(error.message, "error");
-    }
-  };
-  return h(
-    "details",
-    null,
-    h("summary", null, "Former versions"),
-    h(
-      "ul",
-      { class: "list" },
-      kept
-        .slice(0, 10)
-        .map(({ id, unix_s, words }) =>
-          h(
-            "li",
-            { class: "row" },
-            h("span", null, h("b", null, moment(unix_s)), " ", h("span", { class: "quiet" }, words)),
-            h("button", { type: "button", class: "button", onclick: bringBack(id) }, "Bring it back"),
-          ),
-        ),
     ),
   );
 }

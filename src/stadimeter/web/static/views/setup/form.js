@@ -1,6 +1,6 @@
 // A question as a form: what was found, what its kind needs, the answer as text, and the way on and back.
 
-import { h, inCode, replace } from "../../dom.js";
+import { h, inCode, replace, svg } from "../../dom.js";
 
 /** The form of the question that is asked. A step's `widget(step)` returns what stands above the answer as text.
  *  The text field holds the answer: a widget sets it by `step.set(answer)`, and hears of it by `step.onAnswer(fn)`. */
@@ -27,6 +27,7 @@ export function answerForm(setup, widget = choices) {
       { class: "field" },
       h("span", { class: "sr" }, question.text),
       step.text,
+      question.names.length > 0 && namesList(question.key, question.names),
       question.form && h("span", { class: "quiet small" }, question.form),
     ),
   );
@@ -93,6 +94,7 @@ class Step {
       value: question.ready,
       autocomplete: "off",
       spellcheck: false,
+      list: question.names.length > 0 ? `names-of-${question.key}` : null,
       "data-first": "",
       oninput: () => this.#tell(),
     });
@@ -140,51 +142,56 @@ class Step {
   }
 }
 
-/** The answers that are suggested, as cards; nothing where none are. `draw(option)` returns what a card shows more.
- *  Those of one group are folded away together, but for the first group and what is chosen. */
-export function choices(step, { draw = () => null, several = false } = {}) {
+/** The answers that are suggested, as cards, with fields for what the chosen ones leave open; nothing where none are.
+ *  `draw(option)` returns what a card shows more. Those of one group are folded away together, but for the first group
+ *  and what is chosen. */
+export function choices(step, { draw = drawn } = {}) {
   const { options, key, text } = step.question;
   if (!options.length) return null;
+  const several = key === "recipe";
+  const opens = []; // the blanks of each option
   const inputs = options.map((option) =>
     h("input", { type: several ? "checkbox" : "radio", name: key, value: option.answer, onchange: chosen }),
   );
-  const groups = [...new Set(options.map(({ group }) => group))].map((name, index) => ({
-    name,
-    isFirst: index === 0,
-    members: inputs.filter((_, at) => options[at].group === name),
-    count: h("span", { class: "badge is-good" }),
-  }));
+  const groups = [...new Set(options.map(({ group }) => group))].map((name, index) => {
+    const members = inputs.filter((_, at) => options[at].group === name);
+    const count = h("span", { class: "badge is-good" });
+    const cards = h("div", { class: "setup-cards" }, members.map(card));
+    const summary = h("summary", null, name, " ", count);
+    const element = name ? h("details", { class: "setup-group", open: index === 0 }, summary, cards) : cards;
+    return { members, count, element };
+  });
   function chosen() {
-    const mine = inputs.filter((each) => each.checked).map((each) => each.value);
-    step.set(mine.join(" "));
+    step.set(
+      inputs
+        .filter((each) => each.checked)
+        .map((each) => each.value)
+        .join(" "),
+    );
   }
-  const card = (input) => {
+  function card(input) {
     const option = options[inputs.indexOf(input)];
     const [first, second] = option.group ? [option.meaning, option.answer] : [option.answer, option.meaning];
-    return h(
+    const words = [h("b", null, inCode(first)), " ", h("span", { class: "quiet" }, inCode(second))];
+    const label = h(
       "label",
       { class: "setup-card" },
       input,
       draw(option),
-      h(
-        "span",
-        { class: "setup-card-words" },
-        h("b", null, inCode(first)),
-        " ",
-        h("span", { class: "quiet" }, inCode(second)),
-      ),
+      h("span", { class: "setup-card-words" }, words),
     );
-  };
-  for (const each of groups) {
-    const cards = h("div", { class: "setup-cards" }, each.members.map(card));
-    each.element = each.name
-      ? h(
-          "details",
-          { class: "setup-group", open: each.isFirst },
-          h("summary", null, each.name, " ", each.count),
-          cards,
-        )
-      : cards;
+    return [label, option.blanks.length > 0 && openOf(input, option)];
+  }
+  function openOf(input, { blanks }) {
+    const fields = blanks.map(blankField);
+    const open = h(
+      "div",
+      { class: "stack setup-open" },
+      fields.map(({ element }) => element),
+    );
+    const values = () => Object.fromEntries(blanks.map(({ key }, at) => [key, fields[at].input.value]));
+    opens.push({ input, open, values });
+    return open;
   }
   step.onAnswer((answer) => {
     const words = several ? answer.split(/[\s,]+/) : [answer];
@@ -195,12 +202,36 @@ export function choices(step, { draw = () => null, several = false } = {}) {
       replace(count, `${mine} chosen`);
       if (mine) element.open = true;
     }
+    for (const { input, open } of opens) open.hidden = !input.checked;
   });
+  step.more = () => Object.assign({}, ...opens.filter(({ input }) => input.checked).map(({ values }) => values()));
   (inputs.find((each) => each.checked) ?? inputs[0]).dataset.first = "";
+  const legend = h("legend", { class: "sr" }, text);
   return h(
     "fieldset",
     { class: "setup-cards" },
-    h("legend", { class: "sr" }, text),
+    legend,
     groups.map(({ element }) => element),
   );
 }
+
+const drawn = ({ picture }) =>
+  picture &&
+  svg("svg", { viewBox: "0 0 80 60", class: "setup-drawn", "aria-hidden": "true" }, svg("path", { d: picture }));
+
+/** A field for a blank, as its description has it: what it asks, the ready answer, names to choose from, its form. */
+function blankField({ key, text, ready, form, found, names, options }) {
+  const known = [...names, ...options.map(({ answer }) => answer)];
+  const list = known.length > 0 && namesList(key, known);
+  const props = { type: "text", value: ready, autocomplete: "off", spellcheck: false, list: list ? list.id : null };
+  const input = h("input", props);
+  const words = h("span", { class: "quiet small" }, inCode([form, ...found].filter(Boolean).join(". ")));
+  return { input, element: h("label", { class: "field" }, h("span", null, inCode(text)), input, list, words) };
+}
+
+const namesList = (key, names) =>
+  h(
+    "datalist",
+    { id: `names-of-${key}` },
+    names.map((value) => h("option", { value })),
+  );
