@@ -209,7 +209,8 @@ def _typed(folder: Path, monkeypatch: pytest.MonkeyPatch, *answers: str) -> Type
 @pytest.mark.long
 def test_a_buzz_when_the_ball_is_near_takes_six_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     camera = V4l2Double.plugged_in(tmp_path / "video0", balls((0.0, 0.0, 1.0 + BALL_M / 2)), monkeypatch)
-    attached = AttachedCamera(name="Webcam", choice=f"opencv,device={camera.node}", node=str(camera.node))
+    node = str(camera.node)
+    attached = AttachedCamera(driver="opencv", options={"device": node}, path=node, name="Webcam", node=node)
     monkeypatch.setattr("stadimeter.workbench.setup.camera_step.list_cameras", lambda: [attached])
     told = _typed(tmp_path, monkeypatch, "ball", "20 cm", "1 m", "near", "80 cm", "buzzer 23")
     assert told.returncode == 0, told

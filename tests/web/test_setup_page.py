@@ -118,7 +118,7 @@ def test_nine_clicks_lead_from_a_camera_to_a_buzzer(page, here):
     on("What shall happen?")
     page.locator(".setup-open:visible input").fill("80 cm")
     on("drive?")
-    click(page.get_by_label("buzzer 23"))
+    click(page.get_by_role("radio", name="buzzer 23"))
     on("Save, and run it")
     page.get_by_role("heading", name="All 2 tests pass").wait_for()
     assert clicks + 1 == 9, "one more runs it"
@@ -143,15 +143,14 @@ def test_a_computer_that_is_not_set_up_begins_with_the_set_up(page, here):
     assert page.locator(".setup-way .primary").is_visible()
 
 
-def test_a_pin_is_chosen_by_the_keyboard_and_its_wiring_and_its_danger_are_shown(page, here):
+def test_a_pin_is_chosen_and_its_wiring_and_its_danger_are_shown(page, here):
     begin_at(page, here, BLANKS)
-    page.get_by_label("vibration-motor 18").check()
+    page.get_by_role("radio", name="vibration-motor 18").check()
     page.get_by_alt_text("How the vibration-motor is wired to GPIO 18").wait_for()
-    page.get_by_role("radio", name="Pin 12, GPIO 18").focus()
-    page.keyboard.press("ArrowUp")
+    page.get_by_label("The pin of its signal").select_option("15")
     page.get_by_alt_text("wired to GPIO 15").wait_for()
     page.get_by_text("Careful: it is used for the serial console").wait_for()
-    page.keyboard.press("ArrowDown")
+    page.get_by_label("The pin of its signal").select_option("18")
     page.get_by_alt_text("wired to GPIO 18").wait_for()
     go_on(page)
     assert kept(here)["far_output"] == "vibration-motor 18"

@@ -63,8 +63,8 @@ def init(
     """Write a first configuration: asks for camera, target and what shall happen, one thing at a time.
 
     Shows what it found, and has an answer ready, in brackets, which Enter takes. What is sure, such as the only camera,
-    is told and not asked. `back` goes back to what was answered or told last. Ctrl-C leaves; each answer is saved as it
-    is given, and `stadimeter init` in the same folder goes on from there.
+    is shown and not asked. `back` goes back to what was answered or shown last. Ctrl-C leaves; each answer is saved
+    as it is given, and `stadimeter init` in the same folder goes on from there.
 
     Writes a camera file, a configuration with two tests for each thing that shall happen, and pictures of what was
     found, in the folder init. Then it checks the configuration, runs its tests, and names the next three commands. A

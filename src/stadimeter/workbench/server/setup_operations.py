@@ -29,7 +29,7 @@ from stadimeter.workbench.saving import check_is_not_ours
 from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.setup import colour_step
-from stadimeter.workbench.setup.camera_step import CameraStep, HeldCamera, table_of, with_settings
+from stadimeter.workbench.setup.camera_step import CameraStep, HeldCamera, table_of, with_exposure
 from stadimeter.workbench.setup.colour_step import ColourTrial
 from stadimeter.workbench.setup.files import (
     configuration_files,
@@ -52,8 +52,6 @@ from stadimeter.workbench.wiring import (
     circuits_picture,
     find_outputs,
     header_labels,
-    pin_name,
-    wiring_picture,
 )
 
 
@@ -297,19 +295,18 @@ def picture(desk: Desk, draw: str = "target", width_px: int = 0) -> DeskReply:
     if target is None:
         return DeskReply(data=describe_picture(frame, None, None), attached=encode_jpeg(frame.image, width_px))
     found, measured = look_for_target(setup.known, frame, target)
-    image = draw_findings(frame, found, measured, with_candidates=draw == "candidates")
+    image = draw_findings(frame, found, measured)
     return DeskReply(data=describe_picture(frame, found, measured), attached=encode_jpeg(image, width_px))
 
 
 @operation
-def camera(desk: Desk, camera: str, exposure: str = "", resolution: str = "") -> dict[str, Any]:
+def camera(desk: Desk, camera: str, exposure: str = "") -> dict[str, Any]:
     """Look through a camera that is offered; with ``exposure``, lock that at a time such as ``10 ms``.
 
-    ``resolution`` is one to ask it for, such as ``1280x720``. The answer to give, with all of it, is in the reply;
-    ``picture`` shows what it sees.
+    The answer to give, with that, is in the reply; ``picture`` shows what it sees.
     """
     setup = setup_of(desk)
-    wanted = with_settings(camera, exposure=exposure, resolution=resolution)
+    wanted = with_exposure(camera, exposure) if exposure else camera
     choice = setup.offer(wanted)
     frame = setup.newest()
     with setup.camera.hold(choice) as source:
@@ -317,7 +314,6 @@ def camera(desk: Desk, camera: str, exposure: str = "", resolution: str = "") ->
     told = {
         "answer": wanted,
         "settings": [f"{each[0].upper()}{each[1:]}." for each in settings],
-        "has_resolution": hasattr(choice.options, "width_px"),
         "has_exposure": hasattr(choice.options, "exposure"),
         "is_locked": getattr(choice.options, "exposure", None) is not None,
         "proposed_exposure_s": better_exposure_s(frame.image, frame.exposure_s),
@@ -376,30 +372,17 @@ def world(desk: Desk, x_m: float, y_m: float = 0.0) -> Mapping[str, Any]:
 
 
 @operation
-def wiring(desk: Desk, output: str = "") -> DeskReply:
-    """Answer the header and the circuits of the outputs that are chosen, as SVG.
-
-    ``output`` is one that is not chosen yet, such as ``buzzer 23``. Then the drawing is its circuit alone: ``wires``
-    has the pins of the header that it goes to, and ``notes`` what is to be minded.
-    """
-    parts = _chosen_parts(desk, output)
-    outputs = find_outputs(parts)
-    alone = outputs[-1:] if output else ()
+def wiring(desk: Desk, output: str) -> DeskReply:
+    """Answer the circuit of an output such as ``buzzer 23`` as SVG, its notes, and the pins that it may be on."""
+    outputs = find_outputs(_chosen_parts(desk, output))
     labels = header_labels(outputs)
     pins = [
-        {
-            "number": number,
-            "name": pin_name(number),
-            "gpio": what if isinstance(what, int) else None,
-            "taken_by": list(labels.get(number, ())),
-            "warning": TAKEN.get(what, "") if isinstance(what, int) else "",
-        }
+        {"number": number, "gpio": what, "taken_by": list(labels.get(number, ())), "warning": TAKEN.get(what, "")}
         for number, what in enumerate(HEADER, start=1)
+        if isinstance(what, int)
     ]
-    wires = [{"number": number, "name": pin_name(number)} for number in sorted(header_labels(alone))]
-    notes = [note for each in alone for note in each.notes]
-    drawing = circuits_picture(alone) if alone else wiring_picture(parts)
-    return DeskReply(data={"pins": pins, "wires": wires, "notes": notes}, attached=svg_of(drawing).encode())
+    data = {"pins": pins, "notes": [note for each in outputs[-1:] for note in each.notes]}
+    return DeskReply(data=data, attached=svg_of(circuits_picture(outputs[-1:])).encode())
 
 
 @operation

@@ -15,7 +15,7 @@ from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names
 from stadimeter.config.toml_source import camera_table
 from stadimeter.core.camera_model import check_one_aspect
 from stadimeter.core.frame import Frame
-from stadimeter.errors import ConfigError, DriverError, PictureError, StadimeterError
+from stadimeter.errors import DriverError, PictureError, StadimeterError
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.frame_source import (
     BALL,
@@ -128,26 +128,10 @@ def _is_option(word: str) -> bool:
     return word.partition("=")[0] in PLAYED_KEYS and "=" in word
 
 
-def with_settings(text: str, *, exposure: str = "", resolution: str = "") -> str:
-    """Return the answer for a camera with other settings in place of its own.
-
-    Args:
-        exposure: A time such as ``10 ms`` to lock it at.
-        resolution: Such as ``1280x720``.
-
-    Raises:
-        ConfigError: It is no resolution.
-    """
-    options: dict[str, str] = {}
-    if resolution:
-        figures = re.fullmatch(r"\s*(\d+)\s*[x×]\s*(\d+)\s*", resolution)
-        if figures is None:
-            raise ConfigError(f"{resolution!r} is no resolution; write it such as 1280x720")
-        options |= {"width_px": figures[1], "height_px": figures[2]}
-    if exposure:
-        options["exposure"] = exposure.strip()
-    kept = [part for part in text.split(",") if part.partition("=")[0] not in options]
-    return ",".join([*kept, *(f"{key}={value.replace(',', '.')}" for key, value in options.items())])
+def with_exposure(text: str, exposure: str) -> str:
+    """Return the answer for a camera with its exposure locked at a time such as ``10 ms``, in place of its own."""
+    kept = [part for part in text.split(",") if part.partition("=")[0] != "exposure"]
+    return ",".join([*kept, f"exposure={exposure.strip().replace(',', '.')}"])
 
 
 def _frames(known: Known, choice: DriverChoice) -> tuple[tuple[Frame, ...], bool]:

@@ -157,7 +157,7 @@ def look(known: Known, choice: DriverChoice, size: str = "") -> tuple[Detection,
     frame, found = detect_in(known.frames, choice, known.camera_model)
     known.frames = (frame, *(each for each in known.frames if each is not frame))
     words = f"{describe_detection(choice.name, found)}"
-    words += _remedy_in_words(choice, found, frame, known.camera_model, size or known.answers["size"])
+    words += _remedy_in_words(choice, found, frame, known.camera_model, size or known.answers.get("size", ""))
     mark = Mark(detection=found, headline=choice.name, lines=(words,))
     write_picture(known.path(FOUND), annotate(frame.image, [mark]))
     return found, f"{words}{known.shown_in(FOUND)}" if found.is_whole else words
@@ -174,7 +174,7 @@ def why_not_measured(known: Known, lens: CameraModel) -> str:
         return ""
     if known.is_live and detect_in([frame], choice, None)[1].status is not DetectionStatus.FOUND:
         return ""
-    remedy = _remedy_in_words(choice, found, frame, lens, known.answers["size"])
+    remedy = _remedy_in_words(choice, found, frame, lens, known.answers.get("size", ""))
     return f"Through this lens nothing is measured. {describe_detection(choice.name, found)}{remedy}"
 
 

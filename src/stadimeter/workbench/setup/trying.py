@@ -28,7 +28,7 @@ from stadimeter.workbench.setup.target import (
 
 JPEG_QUALITY = 80
 
-DRAWINGS = ("plain", "target", "mask", "candidates")
+DRAWINGS = ("plain", "target", "mask")
 
 
 def target_so_far(known: Known, colour: str = "") -> DriverChoice | None:
@@ -80,8 +80,8 @@ def describe_picture(frame: Frame, seen: Detection | None, measured: Measurement
     }
 
 
-def draw_findings(frame: Frame, seen: Detection, measured: Measurement | None, *, with_candidates: bool) -> Image:
-    """Return the picture with the target's outline, and the numbered candidates that were refused."""
+def draw_findings(frame: Frame, seen: Detection, measured: Measurement | None) -> Image:
+    """Return the picture with the target's outline."""
     headline = seen.target
     if measured is not None and measured.distance_m is not None:
         headline = f"{headline}: {metres(measured.distance_m, measured.sigma_m or 0.0)}"
@@ -89,7 +89,6 @@ def draw_findings(frame: Frame, seen: Detection, measured: Measurement | None, *
         detection=seen,
         has_corners=len(seen.outline_px) == 4,
         headline=headline,
-        rejected=tuple(enumerate(seen.rejected, start=1)) if with_candidates else (),
     )
     return annotate(frame.image, [mark])
 

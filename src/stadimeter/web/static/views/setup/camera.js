@@ -6,23 +6,17 @@ import { choices } from "./form.js";
 const SETTLED_MS = 500;
 
 export function widget(step) {
-  const { views, cards } = cameraCards(step);
+  const views = new Map(); // where the picture of each goes, by its answer
+  const draw = ({ answer }) => {
+    views.set(answer, h("span", { class: "setup-look quiet small" }, "Looking …"));
+    return views.get(answer);
+  };
+  const cards = choices(step, { draw });
   const camera = new Camera(step, views);
   step.setup.onLeave(() => camera.leave());
   for (const [answer, view] of views) camera.look(answer, view);
   step.onAnswer((answer) => camera.soon(answer));
   return h("div", { class: "stack" }, cards, camera.exposure);
-}
-
-/** A card for each camera that is offered; `views` has where its picture goes, by its answer. */
-function cameraCards(step) {
-  const views = new Map();
-  const draw = ({ answer }) => {
-    const view = h("span", { class: "setup-look quiet small" }, "Looking …");
-    views.set(answer, view);
-    return view;
-  };
-  return { views, cards: choices(step, { draw }) };
 }
 
 /** Looks through cameras, one at a time. */
@@ -111,20 +105,8 @@ class Camera {
     replace(
       this.exposure,
       [...told.remarks, ...told.settings].map((each) => h("p", { class: "small" }, each)),
-      told.has_resolution && this.#resolution(told),
       told.has_exposure && this.#exposure(told),
     );
-  }
-
-  #resolution({ width_px, height_px }) {
-    const size = h("input", {
-      type: "text",
-      value: `${width_px}x${height_px}`,
-      autocomplete: "off",
-      "aria-label": "Resolution",
-    });
-    const ask = button("Ask for it", () => this.#chosen(this.step.answer, { resolution: size.value }));
-    return field("Resolution in pixels: it is measured at this one", size, ask);
   }
 
   #exposure({ is_locked, proposed_exposure_s, exposure_s }) {

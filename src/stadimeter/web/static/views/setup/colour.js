@@ -3,11 +3,6 @@
 import { colourSliders } from "../../colour_sliders.js";
 import { button, h, replace } from "../../dom.js";
 
-const VIEWS = [
-  ["mask", "What has this colour"],
-  ["candidates", "Ball, and what is refused"],
-  ["plain", "Plain"],
-];
 const MARKED_MS = 1200; // the ball may move on
 
 export function widget(step) {
@@ -17,7 +12,7 @@ export function widget(step) {
 }
 
 class Colour {
-  #state = { clicks: [], others: [], pictures: 0, view: "mask" };
+  #state = { clicks: [], others: [], pictures: 0 };
   #isAsking = false;
   #waiting = null;
 
@@ -29,16 +24,6 @@ class Colour {
     this.again = button("Forget the clicks", () => this.#forget());
     const look = button("Look for it", () => this.#ask({ look: true }));
     this.kept = h("div", { class: "row small" });
-    this.views = h(
-      "div",
-      { class: "setup-views row", role: "group", "aria-label": "What the picture shows" },
-      VIEWS.map(([view, name]) =>
-        button(name, (event) => this.#show(view, event.currentTarget), "", {
-          "aria-pressed": String(view === this.#state.view),
-        }),
-      ),
-    );
-    this.refused = h("ol", { class: "setup-refused small" });
     this.element = h(
       "div",
       { class: "stack" },
@@ -65,15 +50,9 @@ class Colour {
       onPlace: (x_px, y_px) => this.#clicked(x_px, y_px),
       onCross: () => this.#draw(),
     });
-    replace(picture.below, this.views, this.refused);
     picture.onValues((values) => {
       this.#draw();
-      if (this.#state.view === "mask") this.sliders.tell(values.range);
-      const list = this.#state.view === "candidates" ? (values.rejected ?? []) : [];
-      replace(
-        this.refused,
-        list.map((each) => h("li", null, each.reason)),
-      );
+      this.sliders.tell(values.range);
     });
     step.text.addEventListener("change", () => this.#ask({ range: step.answer }));
     this.#ask(ready ? { range: ready } : {}, true);
@@ -143,11 +122,5 @@ class Colour {
       ...this.#state.others.map(({ centre_px: [x_px, y_px] }) => ({ x_px, y_px, kind: "other", label: "same colour" })),
       ...(cross ? [{ x_px: cross[0], y_px: cross[1], kind: "cross" }] : []),
     ]);
-  }
-
-  #show(view, button) {
-    this.#state.view = view;
-    this.picture.draw(view);
-    for (const each of this.views.children) each.setAttribute("aria-pressed", String(each === button));
   }
 }

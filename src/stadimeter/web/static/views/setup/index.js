@@ -129,7 +129,7 @@ class SetUp {
       h(
         "div",
         { class: `setup is-${kind}${hasCamera ? "" : " is-alone"}` },
-        drawRail(this, kind),
+        drawRail(this),
         h(
           "div",
           { class: "setup-head" },

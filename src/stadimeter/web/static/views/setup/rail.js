@@ -2,42 +2,22 @@
 
 import { h } from "../../dom.js";
 
-const STAGES = [
-  ["Camera", ["camera"]],
-  ["Target", ["target", "size", "thing", "colour"]],
-  ["Calibration", ["calibration"]],
-  ["What happens", ["recipe", "blank"]],
-  ["Outputs", ["output", "base", "broker"]],
-  ["Save", ["done"]],
-];
-const FIRST = ["camera", "calibration", "recipe"];
+const STAGES = ["Camera", "Target", "Calibration", "What happens", "Outputs", "Save"];
+const KNOWN = { camera: 0, calibration: 2 };
 
-function stageOf(key) {
-  const kind = FIRST.includes(key)
-    ? key
-    : key.endsWith("_output")
-      ? "output"
-      : /^(base|base_.*|broker)$/.test(key)
-        ? "base"
-        : "blank";
-  return STAGES.findIndex(([, kinds]) => kinds.includes(kind));
-}
+/** The stage of a question: what is asked before the calibration is about the target, whatever its kind asks. */
+const stageOf = (key, isBeforeLens) => KNOWN[key] ?? (isBeforeLens ? 1 : /_output$|^base|^broker$/.test(key) ? 4 : 3);
 
-export function drawRail(setup, kind) {
+export function drawRail(setup) {
   const { answers, done, question } = setup.state;
-  const now = done
-    ? STAGES.length - 1
-    : kind === "blank"
-      ? stageOf(question.key)
-      : STAGES.findIndex(([, kinds]) => kinds.includes(kind));
   const lensAt = answers.findIndex(({ key }) => key === "calibration");
-  const isTarget = (index) => index > 0 && (lensAt < 0 || index < lensAt); // its detector says what is asked about it
+  const now = done ? STAGES.length - 1 : stageOf(question.key, lensAt < 0);
   const given = answers.map((each, index) => ({
     ...each,
     back: answers.length - index,
-    stage: isTarget(index) ? 1 : stageOf(each.key),
+    stage: stageOf(each.key, lensAt < 0 || index < lensAt),
   }));
-  const stages = STAGES.map(([name], index) => {
+  const stages = STAGES.map((name, index) => {
     const mine = given.filter((each) => each.stage === index);
     const status = index === now ? "now" : mine.length ? "done" : "to come";
     return h(
