@@ -375,7 +375,7 @@ def world(desk: Desk, x_m: float, y_m: float = 0.0) -> Mapping[str, Any]:
 def wiring(desk: Desk, output: str) -> DeskReply:
     """Answer the circuit of an output such as ``buzzer 23`` as SVG, its notes, and the pins that it may be on."""
     outputs = find_outputs(_chosen_parts(desk, output))
-    labels = header_labels(outputs)
+    labels = header_labels(outputs[:-1])  # of the others
     pins = [
         {"number": number, "gpio": what, "taken_by": list(labels.get(number, ())), "warning": TAKEN.get(what, "")}
         for number, what in enumerate(HEADER, start=1)
