@@ -77,6 +77,19 @@ def test_one_that_is_damaged_says_what_is_wrong_and_can_be_replayed_as_far_as_it
     ruined.unlink()
 
 
+def test_what_the_rules_in_the_field_would_have_done_on_it_is_drawn_beside_what_was_done(browser, room, recording):
+    with tab(browser) as page:
+        page.goto(f"{room.url}/#edit")
+        here = page.get_by_role("region", name="On a recording")
+        here.get_by_role("button", name="What would this have done?").click()
+        here.get_by_text("Every event is the same.").wait_for()
+        chart = here.get_by_role("slider")
+        chart.focus()
+        page.keyboard.press("ArrowLeft")
+        read = until(page, "document.querySelector('[aria-label=\"On a recording\"] .read').textContent")
+        assert re.search(r"ball \d.* · (\w+), then active · \1, now active", read), read
+
+
 def test_it_is_deleted_only_after_a_question(browser, room, recording):
     other = recording.with_name("other.mcap")
     other.write_bytes(recording.read_bytes())

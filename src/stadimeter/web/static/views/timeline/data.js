@@ -35,6 +35,13 @@ export function dataOf({ from_s, step_s, count, targets, lanes, events }, { hist
   };
 }
 
+/** Samples of a recording, `[at_s, metres or null, sigma]`, as figures of equal steps. */
+export function gridded(samples, count, step_s) {
+  const none = Object.fromEntries(FIGURES.map((key) => [key, Array(count).fill(null)]));
+  const steps = samples.map(([at_s, ...rest]) => [Math.min(count - 1, Math.floor(at_s / step_s)), ...rest]);
+  return withLive(none, steps, 0, count, GAP_S / step_s);
+}
+
 /** Samples in their steps; those of a slow camera, not more than `joined` steps apart, are joined. */
 function withLive(figures, samples, end, count, joined) {
   const found = Object.fromEntries(FIGURES.map((key) => [key, [...figures[key]]]));
