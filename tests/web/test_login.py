@@ -8,6 +8,7 @@ import pytest
 
 from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.web.access import HEADERS, SESSION_S
+from stadimeter.web.links import PageAnswer
 from stadimeter.web.passwords import ENDED_MAX, FREE, EndedSessions, PasswordFile, Session
 from stadimeter.web.routes import PAGE_OPERATIONS, Right
 from support.page import FORM, OPERATE, READ, quicken, served_page
@@ -161,11 +162,17 @@ def test_process_numbers_and_folders_are_for_those_alone_who_may_operate(strange
     async def about():
         return {"digest": "abc", "pid": 7, "recordings": "/home/ada/recordings"}
 
+    async def recordings(_op, _args, _wait_s):
+        return PageAnswer({"folder": "/home/ada/recordings", "recordings": []})
+
     monkeypatch.setattr(stranger.page.run_process, "about", about)
+    monkeypatch.setattr(stranger.page.workbench, "ask", recordings)
     stranger.log_in(password)
-    run = stranger.get("/api/v1/session").data["run"]
-    assert run["digest"] == "abc"
-    assert ({"pid", "recordings"} & run.keys() != set()) is is_shown
+    session = stranger.get("/api/v1/session").data
+    assert session["run"]["digest"] == "abc"
+    assert ({"pid", "recordings"} & session["run"].keys() != set()) is is_shown
+    assert ("/" in session["configuration"]) is is_shown
+    assert ("folder" in stranger.get("/api/v1/recordings").data) is is_shown
 
 
 def test_watchers_learn_nothing_of_other_runs(reader, monkeypatch, tmp_path):

@@ -147,6 +147,12 @@ def test_a_token_is_for_the_page_of_its_line_alone(tmp_path):
     assert b"Authorization" not in heard[0]
 
 
+def test_a_camera_that_hangs_is_no_longer_live_three_seconds_after_its_last_answer():
+    page = OtherPage("http://garage.local:8080", state="live", live_s=100.0)
+    assert [page.tell(now_s)["state"] for now_s in (100.0, 102.9, 103.1)] == ["live", "live", "asked"]
+    assert page.tell(103.1)["age_s"] == 3.1
+
+
 def test_a_bar_shows_each_camera_and_one_list_has_the_alarms_of_all_each_with_its_camera(browser, tmp_path):
     (tmp_path / "there").mkdir()
     with served(tmp_path / "there", ALARM) as there, served(tmp_path, naming(there.url)) as here:

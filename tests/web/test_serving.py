@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import gzip
 import http.client
 import itertools
 import json
@@ -282,6 +283,18 @@ def all_received(connection):
 
 
 LOGIN = b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n"
+
+
+def test_files_of_the_page_are_compressed_where_the_browser_takes_that(tmp_path):
+    with served_page(tmp_path) as here:
+        for path in ("/", "/static/style.css", "/static/app.js", "/static/vendor/uplot/uPlot.js"):
+            plain, small = here.get(path), here.get(path, **{"Accept-Encoding": "gzip"})
+            assert plain.headers["Content-Encoding"] is None
+            assert small.headers["Content-Encoding"] == "gzip"
+            assert gzip.decompress(small.body) == plain.body
+            assert len(small.body) < 0.6 * len(plain.body)
+            again = here.get(path, **{"Accept-Encoding": "gzip", "If-None-Match": small.headers["ETag"]})
+            assert (again.status, again.body) == (304, b"")
 
 
 def test_a_connection_that_asks_nothing_is_ended(tmp_path, monkeypatch):

@@ -25,8 +25,9 @@ from stadimeter.errors import PageError
 from stadimeter.web.routes import ALARMS_PATH
 
 # One that answers is asked this often, any other less often. What takes longer than the wait is no answer. What is
-# older than the last is not of now: no browser has looked for a while, or an answer comes byte by byte.
-ASK_EVERY_S, ASK_AGAIN_S, WAIT_S, OLD_S = 2.0, 10.0, 4.0, 10.0
+# older than the last is not of now: a camera that hangs, no browser that has looked for a while, or an answer that
+# comes byte by byte. A browser asks once a second, so that an answer is 2 s old at most while all is well.
+ASK_EVERY_S, ASK_AGAIN_S, WAIT_S, OLD_S = 0.9, 10.0, 4.0, 3.0
 ANSWER_MAX_BYTES = 1024 * 1024
 
 # Announcements are looked for this often; with as many pages as this, no further ones are taken.

@@ -322,13 +322,14 @@ class Page:
     async def session(self, request: Request) -> Response:
         """Answer what the session may do, and what is there."""
         right: Right = request.scope["right"]
-        hidden = frozenset() if right is Right.OPERATE else NOT_FOR_WATCHERS
+        may_operate = right is Right.OPERATE
+        hidden = frozenset() if may_operate else NOT_FOR_WATCHERS
         return as_json(
             {
                 "right": right.name.lower(),
                 "needs_password": self.access.needs_password,
                 "version": stadimeter.__version__,
-                "configuration": str(self.configuration),
+                "configuration": str(self.configuration) if may_operate else self.configuration.name,
                 "has_others": self._others is not None,
                 "run": {name: value for name, value in (await self._about_run()).items() if name not in hidden},
             }

@@ -44,6 +44,8 @@ class PageOperation(Struct, frozen=True, kw_only=True):
         wait_s: How long the answer may take.
         media: The kind of the answer's bytes; empty where the answer is JSON.
         names_operator: Whether the operation gets the operator's name, as ``by``.
+        hidden: Keys of the answer for those alone who may operate.
+        is_text: Whether it answers files of the page, which are sent compressed where a browser takes that.
     """
 
     method: Method
@@ -59,6 +61,8 @@ class PageOperation(Struct, frozen=True, kw_only=True):
     wait_s: float = RUN_WAIT_S
     media: str = ""
     names_operator: bool = False
+    hidden: frozenset[str] = frozenset()
+    is_text: bool = False
 
     @property
     def changes(self) -> bool:
@@ -123,8 +127,8 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
     _own("GET", "/login.css", Right.OPEN, "login_style"),
     _own("POST", "/login", Right.OPEN, "login"),
     _own("POST", "/logout", Right.READ, "logout", "End the session of this browser"),
-    _own("GET", "/", Right.READ, "index"),
-    _own("GET", "/static/{file:path}", Right.READ, "static"),
+    _own("GET", "/", Right.READ, "index", is_text=True),
+    _own("GET", "/static/{file:path}", Right.READ, "static", is_text=True),
     _own(
         "GET", "/snapshot.jpg", Right.READ, "snapshot", "The newest picture, with its values in X-Values",
         query=_DRAWN, media=_JPEG,
@@ -194,7 +198,10 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         "POST", "rules/{rule}/settings", "tuning.save", "Save other settings of an alarm, with a rule test",
         body={"changes": "number{}", "marks": "text[]", "at_s": "number[]", "base_version": "text"}, wait_s=LONG_WAIT_S,
     ),
-    _desk("GET", "recordings", "recordings.recordings", "The recordings", right=Right.READ, answer="Recordings"),
+    _desk(
+        "GET", "recordings", "recordings.recordings", "The recordings", right=Right.READ, answer="Recordings",
+        hidden=frozenset({"folder"}),
+    ),
     _run("recordings", "record", "Begin or end a recording", body={"do": "start|stop"}),
     _own(
         "GET", "/api/v1/recordings/{name}", Right.OPERATE, "download", "A recording as a file",

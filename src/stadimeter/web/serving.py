@@ -20,6 +20,8 @@ import msgspec
 import uvicorn
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
@@ -32,13 +34,16 @@ from stadimeter.web.access import AccessGuard, is_loopback
 from stadimeter.web.answers import as_error, as_json, as_picture, bounded_body
 from stadimeter.web.page import Page, PageOptions, login_form
 from stadimeter.web.passwords import PasswordFile, network_of
-from stadimeter.web.routes import PAGE_OPERATIONS, PageOperation
+from stadimeter.web.routes import PAGE_OPERATIONS, PageOperation, Right
 
 # The page as an application: every path of the table, and who may go there ------------------------
 
 
 _READ_AS: Mapping[str, type] = {"number": float, "integer": int}
 _Endpoint = Callable[[Request], Awaitable[Response]]
+
+# The files of the page are a quarter as large; level 6 costs a tenth of the time of 9, and 1 % of the size.
+_GZIPPED = (Middleware(GZipMiddleware, minimum_size=1024, compresslevel=6),)
 
 
 def application(page: Page) -> ASGIApp:
@@ -56,7 +61,7 @@ def _route(page: Page, operation: PageOperation) -> Route:
         async with page.until_the_end():
             return await answer(request)
 
-    route = Route(operation.path, admitted)
+    route = Route(operation.path, admitted, middleware=_GZIPPED if operation.is_text else ())
     route.methods = {operation.method}  # and no HEAD with each GET: a stream would not end
     return route
 
@@ -68,7 +73,12 @@ def _handed_on(page: Page, operation: PageOperation) -> _Endpoint:
             answer = await page.run.ask(operation.op, args, operation.wait_s)
         else:
             answer = await page.workbench.ask(operation.op, args, operation.wait_s)
-        return as_picture(answer, operation.media) if operation.media else as_json(answer.data)
+        if operation.media:
+            return as_picture(answer, operation.media)
+        hidden = () if request.scope["right"] is Right.OPERATE else operation.hidden
+        return as_json(
+            {key: value for key, value in answer.data.items() if key not in hidden} if hidden else answer.data
+        )
 
     return ask
 

@@ -4,7 +4,7 @@ import { h, keyed, write } from "./dom.js";
 import { moment, old } from "./format.js";
 import { lookOf, stateInWords } from "./views/live/rules.js";
 
-const EVERY_MS = 2000;
+const EVERY_MS = 1000;
 const STATES = { asked: "…", live: "live", "no-run": "no run", refused: "refused", silent: "silent" };
 const KINDS = { live: "good", "no-run": "warning", refused: "warning", silent: "alarm" };
 
