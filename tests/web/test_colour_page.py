@@ -26,6 +26,7 @@ def still(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 
 def opened(page: Any, here: Served) -> Any:
     page.goto(f"{here.url}/#live")
+    page.locator("summary", has_text="About the picture").click()
     page.get_by_role("button", name="Colour …").click()
     dialog = page.get_by_role("dialog", name="Colour of ball")
     dialog.get_by_text(re.compile("On the ball: [89]")).wait_for()

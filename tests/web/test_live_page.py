@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from stadimeter.web.passwords import PasswordFile
-from support.browser import PHONE, ROOM, SILENT_AFTER_ONE, STILL, Served, served, tab, until
+from support.browser import DESKTOP, PHONE, ROOM, SILENT_AFTER_ONE, STILL, Served, served, tab, until
 
 
 @pytest.fixture(scope="module")
@@ -28,34 +28,43 @@ def opened(page: Any, here: Served, view: str = "live") -> None:
     page.get_by_text("live", exact=True).wait_for()
 
 
+def unfold(page: Any, title: str) -> None:
+    page.locator(".fold > details:not([open]) > summary", has_text=title).click()
+
+
 def text_of(page: Any, selector: str) -> str:
     return page.locator(selector).first.inner_text()
 
 
 DRAWN = """async () => {
-    const { picture } = await import("/static/views/live/picture.js");
-    const live = { ageMs: () => 0, state: { status: "live" } };
-    const unit = { symbol: "m", size_m: 1, decimals: 3 };
-    const shown = picture({ live, unit, session: { right: "read" } });
-    document.getElementById("main").replaceChildren(shown.element);
+    const { Frame } = await import("/static/views/live/picture.js");
+    const { html, render } = await import("/static/ui.js");
     const grey = new OffscreenCanvas(400, 300);
     const ink = grey.getContext("2d");
     ink.fillStyle = "#808080";
     ink.fillRect(0, 0, 400, 300);
-    const outline_px = [[100, 100], [200, 100], [200, 200], [100, 200]];
-    const detection = { status: "found", centre_px: [150, 150], width_px: 100, height_px: 100, outline_px };
+    const outline_px = [[100, 200], [200, 200], [200, 280], [100, 280]];
+    const detection = { status: "found", centre_px: [150, 240], width_px: 100, height_px: 80, outline_px };
     const measured = { is_valid: true, distance_m: 2, sigma_m: 0.01, detection };
     const target = { name: "ball", status: "tracking", rejected: [], ...measured };
     const frame = { width_px: 400, height_px: 300, captured_unix_s: 12.5 };
-    shown.update({ frame, targets: [target], narration: "", recording: null }, await createImageBitmap(grey));
-    const canvas = shown.element.querySelector("canvas");
+    const snapshot = { frame, targets: [target], narration: "", recording: null };
+    const bitmap = await createImageBitmap(grey);
+    const subscribe = (fn) => (fn(snapshot, bitmap), () => {});
+    const live = { ageMs: () => 0, state: { status: "live" }, snapshot, subscribe, watch: () => () => {} };
+    const main = document.getElementById("main");
+    main.replaceChildren();
+    render(html`<${Frame} live=${live} unit=${{ symbol: "m", size_m: 1, decimals: 3 }} />`, main);
+    const canvas = main.querySelector("canvas");
+    while (!canvas.dataset.drawn) await new Promise(requestAnimationFrame);
     const scale = canvas.width / 400;
     const pixels = canvas.getContext("2d");
     const on = (px) => Math.round((px + 0.5) * scale);
     const at = (x, y) => [...pixels.getImageData(on(x), on(y), 1, 1).data].slice(0, 3);
-    shown.takeDown();
-    const places = { edge: at(130, 100), centre: at(150, 150), inside: at(130, 130), outside: at(50, 50) };
-    return { ...places, captured: canvas.dataset.captured };
+    const places = { edge: at(130, 200), centre: at(150, 240), inside: at(130, 220), outside: at(50, 50) };
+    const told = { ...places, captured: canvas.dataset.captured, words: main.querySelector(".figure").innerText };
+    render(null, main);
+    return told;
 }"""
 
 
@@ -66,6 +75,7 @@ def test_the_outline_lies_where_the_message_of_its_frame_says(browser, still):
         assert drawn["edge"] == drawn["centre"] == [0xFF, 0xE1, 0x4D]
         assert drawn["inside"] == drawn["outside"] == [0x80, 0x80, 0x80]
         assert drawn["captured"] == "12.5"
+        assert drawn["words"].split() == ["2.00", "m", "±", "0.01"]
 
 
 def test_distances_are_shown_in_the_unit_that_a_person_chose_and_remembered(browser, still):
@@ -86,15 +96,92 @@ def test_an_alarm_is_acknowledged_and_reset_with_a_name_and_a_reason(browser, mo
     with tab(browser, size=PHONE) as page:
         opened(page, moving)
         page.get_by_text("latched, not acknowledged").wait_for()
+        unfold(page, "Events")
         page.get_by_role("button", name="Acknowledge: near").press("Enter")
         page.get_by_label("Why").fill("on my way")
         page.get_by_label("Your name").fill("zoe")
         page.keyboard.press("Enter")
-        page.get_by_text("near acknowledged by zoe").wait_for()
+        page.locator(".event", has_text="near acknowledged by zoe").wait_for()
         page.get_by_text("on my way").first.wait_for()
         page.get_by_role("button", name="Reset: near").press("Enter")
         page.get_by_role("dialog").get_by_role("button", name="Reset").click()
-        page.get_by_text("near reset by zoe").wait_for()
+        page.locator(".event", has_text="near reset by zoe").wait_for()
+
+
+def test_a_dialog_keeps_what_was_typed_where_the_run_refuses_and_asks_before_it_loses_it(browser, moving):
+    with tab(browser) as page:
+        opened(page, moving)
+        page.get_by_role("button", name="Acknowledge: near").click()
+        dialog = page.get_by_role("dialog")
+        refused = {"error": {"code": "gone", "message": "the run did not take it"}}
+        page.route("**/ack", lambda route: route.fulfill(status=409, json=refused))
+        page.get_by_label("Why").fill("on my way")
+        page.keyboard.press("Enter")
+        dialog.get_by_text("the run did not take it").wait_for()
+        assert page.get_by_label("Why").input_value() == "on my way"
+        page.keyboard.press("Escape")
+        dialog.get_by_text("What you changed is lost").wait_for()
+        page.get_by_label("Why").fill("I am there")  # a change means that one stays
+        page.keyboard.press("Escape")
+        dialog.get_by_text("What you changed is lost").wait_for()
+        page.keyboard.press("Escape")
+        dialog.wait_for(state="detached")
+
+
+SPOKEN = """() => {
+    window.spoken = [];
+    new MutationObserver((changes) => window.spoken.push(...changes.map(({ target }) => target.textContent)
+        .filter((_, at) => (changes[at].target.parentElement ?? document.body).closest("[role=status], [role=alert]"))))
+        .observe(document.body, { subtree: true, childList: true, characterData: true });
+}"""
+
+
+@pytest.mark.parametrize("view", ["live", "timeline", "alarms"])
+def test_figures_that_go_on_changing_are_not_read_aloud(browser, moving, view):
+    with tab(browser) as page:
+        opened(page, moving, view)
+        page.locator(".view > *").first.wait_for()
+        page.wait_for_timeout(1000)
+        page.evaluate(SPOKEN)
+        page.wait_for_timeout(3000)
+        assert len(page.evaluate("window.spoken")) <= 2  # an alarm that comes or goes
+
+
+def test_picture_chart_rules_and_outputs_are_on_the_first_screen_of_a_laptop(browser, moving):
+    with tab(browser) as page:
+        opened(page, moving)
+        page.locator("canvas[data-drawn]").wait_for()
+        page.locator(".chart .uplot").wait_for()
+        for part in (".picture", ".chart", ".rules", ".output >> nth=0", ".output >> nth=1"):
+            box = page.locator(part).bounding_box()
+            assert box["y"] + box["height"] <= DESKTOP[1], part
+
+
+PLACES = """async () => {
+    const { steadyDistances, UNITS } = await import("/static/format.js");
+    const steady = steadyDistances();
+    const places = (sigma_m) => steady("ball", 2.3456, sigma_m, UNITS.m).value.split(".")[1].length;
+    return [0.0094, 0.0096, 0.0093, 0.012, 0.0091, 0.03, 0.0094, 0.007, 0.004].map(places);
+}"""
+
+
+def test_the_number_changes_its_last_digit_only_when_the_deviation_has_clearly_changed(browser, still):
+    with tab(browser) as page:
+        opened(page, still, "alarms")
+        assert page.evaluate(PLACES) == [3, 3, 3, 3, 3, 2, 2, 2, 3]
+
+
+COUNTED = """async () => {
+    const { alarmsInWords } = await import("/static/others.js");
+    const one = { acknowledged: true, status: "active", inhibits: [] };
+    return ["info", "warning", "alarm"].map((severity) => alarmsInWords([{ ...one, severity }]));
+}"""
+
+
+def test_what_is_for_information_only_is_not_counted_as_an_alarm(browser, still):
+    with tab(browser) as page:
+        opened(page, still, "alarms")
+        assert page.evaluate(COUNTED) == ["", "1 alarm", "1 alarm"]
 
 
 def test_an_output_is_on_only_while_the_button_is_held(browser, still):
@@ -203,6 +290,7 @@ def test_who_may_only_read_sees_everything_and_operates_nothing(browser, tmp_pat
         page.get_by_text("live", exact=True).wait_for()
         page.locator("canvas[data-drawn]").wait_for()
         page.locator(".badge", has_text="not acknowledged").wait_for()
+        unfold(page, "About the picture")
         page.get_by_text("You are logged in to look").wait_for()
         for name in ("Acknowledge", "Reset", "Hold to test", "Record", "Let it go on", "forwards", "Stop every output"):
             assert page.get_by_role("button", name=name).count() == 0

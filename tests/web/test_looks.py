@@ -33,8 +33,10 @@ def opened(page: Any, here: Served, view: str) -> None:
         page.get_by_role("region", name="What if").wait_for()  # it comes with the thresholds, a moment later
     if view == "live":
         page.locator("canvas[data-drawn]").wait_for()
+        for each in page.locator(".fold > details:not([open]) > summary").all():
+            each.click()
         page.get_by_text("Show what was refused").click()
-        for each in page.locator("summary:visible").all():
+        for each in page.locator("details:not([open]) > summary:visible").all():
             each.click()
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from support.browser import ROOM, STILL, Served, served, tab, until
+from support.browser import PHONE, ROOM, STILL, Served, served, tab, until
 from support.timeline_day import keep_day
 
 # Recordings in a real browser: made, replayed by the keyboard, downloaded, deleted; and one that is damaged.
@@ -138,7 +138,9 @@ def test_an_alarm_leads_to_the_moment_of_its_clip_with_the_picture_beside_its_se
         assert until(page, SHOWN_S) > 0.5
         until(page, "document.querySelector('.replay').innerText.includes('near')")
         page.go_back()
-        page.locator(".events").get_by_role("link", name="Watch the clip").first.wait_for()
+        link = page.locator(".events").get_by_role("link", name="Watch the clip").first
+        link.wait_for()
+        assert link.bounding_box()["height"] < 30, "on one line"
 
 
 # The timeline in a real browser: a day at once, scrolled and zoomed by every means, and a moment explained.
@@ -221,3 +223,78 @@ def test_live_values_go_on_at_the_right_edge_and_the_run_explains_them(browser: 
         assert "far active" in words
         page.keyboard.press("Enter")
         page.get_by_role("region", name="The moment").get_by_text("By the run itself").wait_for()
+
+
+def test_it_opens_with_all_that_is_there_and_shows_which_span_that_is(browser: Any, room: Served) -> None:
+    with tab(browser) as page:
+        opened(page, room)
+        pressed = page.locator("[aria-pressed=true]")
+        page.get_by_role("button", name="Show 10 min", pressed=True).wait_for()
+        assert until(page, SPAN_S) == pytest.approx(600, abs=5)
+        page.get_by_role("button", name="Zoom in").click()
+        pressed.wait_for(state="detached")
+        page.get_by_role("button", name="Show 6 h").click()
+        assert pressed.all_inner_texts() == ["6 h"]
+
+
+def test_thresholds_are_asked_for_again_when_the_run_goes_by_another_configuration(browser: Any, room: Served) -> None:
+    with tab(browser) as page:
+        opened(page, room)
+        page.get_by_role("region", name="What if").wait_for()
+        room.configuration.write_text(ROOM.replace('below = "1 m"', 'below = "1.2 m"'))
+        with page.expect_response("**/timeline/marks*") as marks:
+            page.evaluate("import('/static/api.js').then(({ api }) => api.post('run/reload'))")
+        near = [each for each in marks.value.json()["thresholds"] if each["rule"] == "near"]
+        assert near[0]["value_m"] == pytest.approx(1.2)
+
+
+LANE = """() => {
+    const chart = document.querySelector(".timeline-chart");
+    const canvas = chart.querySelector("canvas");
+    const wanted = ["good", "alarm"].map((name) => {
+        const ink = new OffscreenCanvas(1, 1).getContext("2d");
+        ink.fillStyle = getComputedStyle(chart).getPropertyValue(`--${name}`);
+        ink.fillRect(0, 0, 1, 1);
+        return [...ink.getImageData(0, 0, 1, 1).data].join();
+    });
+    const lanes = Math.round(canvas.height - (2 * 30 + 6) * devicePixelRatio);
+    const { data } = canvas.getContext("2d").getImageData(0, lanes, canvas.width, Math.round(30 * devicePixelRatio));
+    const found = new Set();
+    for (let at = 0; at < data.length; at += 4) found.add([...data.slice(at, at + 4)].join());
+    return wanted.map((colour) => found.has(colour));
+}"""
+
+
+def test_a_rule_that_only_drives_an_output_is_green_as_on_the_live_page(browser: Any, here: Served) -> None:
+    with tab(browser) as page:
+        opened(page, here)
+        page.get_by_role("button", name="Show 10 min").click()
+        deadline_s = time.monotonic() + 60
+        while page.evaluate(LANE) != [True, False]:
+            assert time.monotonic() < deadline_s, page.evaluate(LANE)
+            page.wait_for_timeout(200)
+
+
+TAKEN = """() => {
+    const area = document.querySelector(".u-over");
+    window.heard = [];
+    for (const kind of ["pointerdown", "pointermove", "pointercancel", "pointerup"])
+        area.parentElement.addEventListener(kind, (event) => (window.heard.push(kind), event.preventDefault()), true);
+}"""
+
+
+def test_what_a_finger_drags_on_the_chart_goes_with_it_and_the_page_stays(browser: Any, here: Served) -> None:
+    with tab(browser, size=PHONE) as page:
+        opened(page, here)
+        page.evaluate(TAKEN)
+        box = page.locator(".u-over").bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        fingers = page.context.new_cdp_session(page)
+        fingers.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]})
+        for moved in range(10, 110, 10):
+            point = {"x": x, "y": y - moved}
+            fingers.send("Input.dispatchTouchEvent", {"type": "touchMove", "touchPoints": [point]})
+        fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        heard = until(page, "window.heard.includes('pointerup') && window.heard")
+        assert "pointercancel" not in heard
+        assert page.evaluate("scrollY") == 0

@@ -31,6 +31,7 @@ def release(page: Any) -> None:
     page.get_by_role("button", name="Release").click()
     page.get_by_label("Why").fill("all clear")
     page.get_by_role("dialog").get_by_role("button", name="Release").click()
+    page.get_by_role("dialog").wait_for(state="detached")
     page.get_by_role("button", name="Release").wait_for(state="detached")
 
 
@@ -52,6 +53,7 @@ def test_every_view_has_it_in_sight_however_far_one_scrolls(browser, here, view,
 def test_outputs_go_to_their_safe_values_and_act_again_when_they_are_released(browser, here):
     with tab(browser) as page:
         page.goto(here.url)
+        page.locator("summary", has_text="Events").click()
         until(page, f"{LEVEL} === '100 %'")
         page.get_by_role("button", name="Stop every output").press("Enter")
         until(page, f"{LEVEL} === '0 %'")
@@ -118,7 +120,10 @@ def test_an_answer_that_comes_late_is_told_and_what_was_sent_again_is_called_off
 
 
 DIALOGS = {
-    "colour": lambda page: page.get_by_role("button", name="Colour …").first.click(),
+    "colour": lambda page: (
+        page.locator("summary", has_text="About the picture").click(),
+        page.get_by_role("button", name="Colour …").first.click(),
+    ),
     "acknowledge": lambda page: page.get_by_role("button", name="Acknowledge").first.click(),
     "shelve": lambda page: (
         page.locator(".more summary").first.click(),

@@ -1,12 +1,13 @@
 // The frame of the page: its tabs, what is said on every one of them, and the view that is open.
 
 import { api } from "./api.js";
-import { ask } from "./dialog.js";
-import { h, icon, inCode, keyed, replace, write } from "./dom.js";
-import { old, span, UNITS } from "./format.js";
+import { ask, askedBy } from "./dialog.js";
+import { h, replace } from "./dom.js";
+import { old, UNITS } from "./format.js";
 import { Live } from "./live_stream.js";
-import { drawOthers, Others, stands } from "./others.js";
+import { alarmsInWords, Others, OthersBar } from "./others.js";
 import { stopButton } from "./stop.js";
+import { Badge, Button, html, Icon, inCode, render } from "./ui.js";
 
 const VIEWS = {
   live: { name: "Live", isOfRun: true, load: () => import("./views/live/index.js") },
@@ -20,49 +21,47 @@ const VIEWS = {
 const GOOD_MS = 6000;
 const SILENT_MS = 2500;
 const AGE_EVERY_MS = 100;
+const SAID_MAX = 3;
 
 const part = (id) => document.getElementById(id);
 const live = new Live();
 let session = null;
 let others = null;
+let said = [];
 let takeDown = () => {};
 let opened = 0;
 
 /** Say something about what was done: good news goes by itself, the rest when it was read. */
 function say(words, kind = "good") {
-  const close = h(
-    "button",
-    { type: "button", class: "button bare", "aria-label": "Close", onclick: () => said.remove() },
-    icon("close"),
-  );
-  const said = h("p", { class: `said is-${kind}` }, h("span", null, words), close);
-  part("words").replaceChildren(...[...part("words").children].slice(-2), said);
-  if (kind === "good") setTimeout(() => said.remove(), GOOD_MS);
+  const each = { words, kind, number: (said.at(-1)?.number ?? 0) + 1 };
+  const close = () => drawSaid(said.filter((other) => other !== each));
+  drawSaid([...said.slice(1 - SAID_MAX), Object.assign(each, { close })]);
+  if (kind === "good") setTimeout(close, GOOD_MS);
 }
 
-function chosenUnit() {
-  return UNITS[localStorage.getItem("unit")] ?? UNITS.m;
+function drawSaid(list) {
+  said = list;
+  const line = ({ words, kind, number, close }) => html`<p key=${number} class=${`said is-${kind}`}>
+    <span>${words}</span><${Button} kind="bare" label="Close" onclick=${close}><${Icon} name="close" /><//></p>`;
+  render(said.map(line), part("words"));
 }
 
-function route() {
-  return VIEWS[location.hash.slice(1).split("/")[0]] ?? VIEWS.live;
-}
+const chosenUnit = () => UNITS[localStorage.getItem("unit")] ?? UNITS.m;
+const route = () => VIEWS[location.hash.slice(1).split("/")[0]] ?? VIEWS.live;
+const canOperate = () => session.right === "operate";
 
 async function open() {
   const mine = ++opened;
   const view = route();
   takeDown();
   takeDown = () => {};
-  for (const tab of part("tabs").children) {
-    if (tab.view === (VIEWS[view.within] ?? view)) tab.setAttribute("aria-current", "page");
-    else tab.removeAttribute("aria-current");
-  }
   document.title = `${view.name} · stadimeter`;
+  drawTabs();
   drawState();
   const root = h("div", { class: view.isOfRun ? "view of-run" : "view" });
   replace(part("main"), root);
   try {
-    if (view.right === "operate" && session.right !== "operate")
+    if (view.right === "operate" && !canOperate())
       throw new Error("You are logged in to look. This page is for those who may operate.");
     const { mount } = await view.load();
     if (mine === opened) takeDown = mount(root, { session, api, live, others, unit: chosenUnit(), say }) ?? takeDown;
@@ -72,28 +71,21 @@ async function open() {
 }
 
 function drawTabs() {
+  const here = VIEWS[route().within] ?? route();
   const shown = Object.entries(VIEWS).filter(([, { right, within }]) => !within && (!right || right === session.right));
-  replace(
-    part("tabs"),
-    shown.map(([key, view]) =>
-      Object.assign(h("a", { href: `#${key}`, class: "tab" }, icon(key), h("span", null, view.name)), { view }),
-    ),
-  );
+  const tab = ([key, view]) => html`<a key=${key} href=${`#${key}`} class="tab"
+    aria-current=${view === here ? "page" : undefined}><${Icon} name=${key} /><span>${view.name}</span></a>`;
+  render(shown.map(tab), part("tabs"));
 }
 
 function drawMenu() {
-  const unit = h(
-    "select",
-    { onchange: () => (localStorage.setItem("unit", unit.value), open()) },
-    Object.keys(UNITS).map((symbol) =>
-      h("option", { value: symbol, selected: symbol === chosenUnit().symbol }, symbol),
-    ),
-  );
-  const leave =
-    session.needs_password && h("button", { type: "button", class: "button bare", onclick: logOut }, "Log out");
-  const toLook =
-    session.right !== "operate" && h("span", { class: "small quiet" }, "You are logged in to look, not to operate.");
-  replace(part("menu"), toLook, h("label", { class: "small quiet" }, "Lengths in", unit), leave);
+  const choose = (event) => (localStorage.setItem("unit", event.target.value), open());
+  const unit = (symbol) => html`<option value=${symbol} selected=${symbol === chosenUnit().symbol}>${symbol}</option>`;
+  const menu = html`
+    ${!canOperate() && html`<span class="small quiet">You are logged in to look, not to operate.</span>`}
+    <label class="small quiet">Lengths in<select onchange=${choose}>${Object.keys(UNITS).map(unit)}</select></label>
+    ${session.needs_password && html`<${Button} kind="bare" onclick=${logOut}>Log out<//>`}`;
+  render(menu, part("menu"));
 }
 
 async function logOut() {
@@ -105,97 +97,48 @@ async function logOut() {
 function drawState() {
   const { snapshot, state } = live;
   const isLive = state.status === "live" && snapshot && live.staleMs() === null;
-  const active = isLive ? snapshot.rules.filter((rule) => rule.is_alarm && stands(rule)) : [];
-  const badges = [
-    isLive && snapshot.recording && { key: "rec", kind: "alarm", words: "recording" },
-    active.length && {
-      key: "alarms",
-      kind: "alarm",
-      words: `${active.length} ${active.length === 1 ? "alarm" : "alarms"}`,
-    },
-    {
-      key: "state",
-      kind: isLive ? "good" : "quiet",
-      words: isLive
-        ? "live"
-        : state.status === "live"
-          ? "standing still"
-          : state.status === "lost"
-            ? "not connected"
-            : "connecting",
-    },
-  ];
-  keyed(
+  const count = isLive ? alarmsInWords(snapshot.rules.filter(({ is_alarm }) => is_alarm)) : "";
+  const otherwise = { live: "standing still", lost: "not connected" };
+  render(
+    html`${isLive && snapshot.recording && html`<${Badge} kind="alarm">recording<//>`}
+      ${count && html`<${Badge} kind="alarm">${count}<//>`}
+      <${Badge} kind=${isLive ? "good" : "quiet"}>${isLive ? "live" : (otherwise[state.status] ?? "connecting")}<//>`,
     part("state"),
-    badges.filter(Boolean),
-    (each) => each.key,
-    () => badge(),
   );
   // A computer that is not set up yet begins there, unless a person has chosen a view.
-  if (state.code === "no-configuration" && !location.hash && session.right === "operate") location.hash = "setup";
-  keyed(part("banners"), banners(isLive), (each) => each.key, banner);
-  if (snapshot?.run) write(part("title"), snapshot.run.title ?? "");
+  if (state.code === "no-configuration" && !location.hash && canOperate()) location.hash = "setup";
+  render(banners(isLive).map(banner), part("banners"));
+  if (snapshot?.run) render(snapshot.run.title ?? "", part("title"));
 }
 
-function badge() {
-  const element = h("span");
-  element.update = ({ kind, words }) => {
-    element.className = `badge is-${kind}`;
-    write(element, words);
-  };
-  return element;
-}
-
+/** Each `{kind, words}`, and what one who may operate can do about it: `{act: [words, what it does]}`, or `href`. */
 function banners(isLive) {
   const { snapshot, state } = live;
   if (state.status === "lost" && route() === VIEWS.setup) return []; // it needs no run, and starts one at its end
   if (state.code === "no-configuration")
-    return [{ key: "new", kind: "warning", words: state.words, offersSetUp: session.right === "operate" }];
+    return [{ kind: "warning", words: state.words, act: ["Set it up", () => location.assign("#setup")] }];
   if (state.status === "lost")
-    return [
-      {
-        key: `lost ${state.code}`,
-        kind: "error",
-        words: state.words,
-        offersStart: session.right === "operate" && state.code === "no-run",
-      },
-    ];
+    return [{ kind: "error", words: state.words, act: state.code === "no-run" && ["Start the run", startRun] }];
   if (live.staleMs() >= SILENT_MS)
-    return [
-      {
-        key: "silent",
-        kind: "error",
-        words: `Nothing has come from the run for ${span(live.staleMs() / 1000)}. What is shown is old.`,
-      },
-    ];
+    return [{ kind: "error", words: "Nothing comes from the run any more. What is shown is old." }];
   if (!isLive) return [];
-  const { safety, health } = snapshot;
-  const offersConfirm = session.right === "operate" && health.mounting === "unconfirmed";
-  const isStopped = safety.mode === "stopped";
-  const isDisarmed = safety.mode === "disarmed";
+  const { mode, reason } = snapshot.safety;
+  const { trouble, mounting } = snapshot.health;
+  const safe = { stopped: "Every output is at its safe value", disarmed: "Every output is at its safe value" };
+  const act = { stopped: ["Release", () => letAct(RELEASE)], disarmed: ["Arm", () => letAct(ARM)] };
+  const confirm = mounting === "unconfirmed" && ["Confirm the mounting", () => letAct(CONFIRM)];
   return [
-    isStopped && {
-      key: "stopped",
-      kind: "error",
-      words: `Every output is at its safe value: ${safety.reason}`,
-      offersRelease: session.right === "operate",
+    mode !== "active" && {
+      kind: mode === "stopped" || mode === "stale" ? "error" : "warning",
+      words: `${safe[mode] ?? "Outputs are at their safe values"}: ${reason || mode}`,
+      act: act[mode],
     },
-    isDisarmed && {
-      key: "disarmed",
-      kind: "warning",
-      words: `Every output is at its safe value: ${safety.reason}`,
-      offersArm: session.right === "operate",
-    },
-    safety.mode !== "active" &&
-      !isStopped &&
-      !isDisarmed && {
-        key: "safety",
-        kind: safety.mode === "stale" ? "error" : "warning",
-        words: `Outputs are at their safe values: ${safety.reason || safety.mode}`,
-      },
-    health.trouble && { key: "trouble", kind: "warning", words: health.trouble, offersConfirm },
+    trouble && { kind: "warning", words: trouble, act: confirm },
   ].filter(Boolean);
 }
+
+const banner = ({ kind, words, act }) => html`<p class=${`banner is-${kind}`}><span>${inCode(words)}</span>
+  ${act && canOperate() && html`<${Button} onclick=${act[1]}>${act[0]}<//>`}</p>`;
 
 /** Everything that the run tells is grey and says how old it is, while it is not of now: `.stale .of-run` and --age. */
 function markAge() {
@@ -204,24 +147,6 @@ function markAge() {
   if (age !== null) root.style.setProperty("--age", `"${old(age)}"`);
   if (root.classList.toggle("stale", age !== null) !== markAge.was) drawState();
   markAge.was = age !== null;
-}
-
-function banner({ offersStart, offersSetUp, offersRelease, offersArm, offersConfirm }) {
-  const words = h("span");
-  const start = offersStart && h("button", { type: "button", class: "button", onclick: startRun }, "Start the run");
-  const release =
-    offersRelease && h("button", { type: "button", class: "button", onclick: () => letAct(RELEASE) }, "Release");
-  const arm = offersArm && h("button", { type: "button", class: "button", onclick: () => letAct(ARM) }, "Arm");
-  const confirm =
-    offersConfirm &&
-    h("button", { type: "button", class: "button", onclick: () => letAct(CONFIRM) }, "Confirm the mounting");
-  const setUp = offersSetUp && h("a", { href: "#setup", class: "button" }, "Set it up");
-  const element = h("p", { class: "banner" }, words, start, setUp, release, arm, confirm);
-  element.update = (each) => {
-    element.className = `banner is-${each.kind}`;
-    if (words.said !== each.words) replace(words, inCode((words.said = each.words)));
-  };
-  return element;
 }
 
 const RELEASE = { path: "outputs/release", title: "Release the outputs", action: "Release" };
@@ -235,23 +160,9 @@ const CONFIRM = {
 };
 
 async function letAct({ path, title, action, words = MOVES }) {
-  const fields = [
-    { name: "why", label: "Why", placeholder: "may be left empty", maxLength: 200 },
-    {
-      name: "by",
-      label: "Your name",
-      value: localStorage.getItem("name") ?? "",
-      placeholder: "may be left empty",
-      maxLength: 60,
-    },
-  ];
-  const given = await ask({ title, words, fields, action });
-  if (!given) return;
-  try {
-    say((await api.post(path, { by: given.by || undefined, why: given.why })).words);
-  } catch (error) {
-    say(error.message, "error");
-  }
+  const send = ({ by, why }) => api.post(path, { by: by || undefined, why });
+  const done = await ask({ title, words, fields: askedBy(), action, send });
+  if (done) say(done.answer.words);
 }
 
 async function startRun() {
@@ -272,17 +183,16 @@ async function begin() {
     setTimeout(begin, 2000);
     return;
   }
-  drawTabs();
   drawMenu();
-  replace(part("stop"), session.right === "operate" && stopButton(api));
+  if (canOperate()) replace(part("stop"), stopButton(api));
   others = new Others(api, session);
-  others.watch((list) => drawOthers(part("others"), list));
+  others.watch((list) => render(html`<${OthersBar} others=${list} />`, part("others")));
   window.addEventListener("hashchange", open);
   await open(); // first: what it subscribes to decides whether the stream has pictures
   live.watch(drawState);
-  live.subscribe(drawState, { image: false });
-  setInterval(drawState, 500);
+  setInterval(drawState, 250);
   setInterval(markAge, AGE_EVERY_MS);
+  live.subscribe(() => {}, { image: false }); // every view needs what it tells
   document.addEventListener("visibilitychange", markAge); // a tab that comes back shows what was when it was left
 }
 

@@ -27,36 +27,6 @@ export function write(element, text) {
 /** Names in backquotes, as the terminal prints them, in the type of code. */
 export const inCode = (text) => text.split("`").map((part, at) => (at % 2 ? h("code", null, part) : part));
 
-/** Keep one element for each item of a list, by its key: focus and a held button outlive an update.
- *  `make(item)` returns an element that has `update(item)`. */
-export function keyed(root, items, keyOf, make) {
-  const kept = (root.kept ??= new Map());
-  const next = new Map(items.map((item) => [keyOf(item), kept.get(keyOf(item)) ?? make(item)]));
-  for (const [key, element] of kept) if (next.get(key) !== element) element.remove();
-  let before = root.firstChild;
-  for (const element of next.values()) {
-    if (element === before) before = before.nextSibling;
-    else root.insertBefore(element, before);
-  }
-  root.kept = next;
-  for (const item of items) next.get(keyOf(item)).update?.(item);
-}
-
-/** A drawn sign beside words; it says nothing by itself. */
-export const icon = (name) =>
-  svg("svg", { class: "icon", viewBox: "0 0 24 24", "aria-hidden": "true" }, svg("path", { d: ICONS[name] }));
-
-const ICONS = {
-  live: "M3 12h4l3-8 4 16 3-8h4",
-  timeline: "M3 20h18M3 16l5-6 4 4 5-9 4 5",
-  setup: "M12 8.5a3.5 3.5 0 1 0 0 7 3.5 3.5 0 0 0 0-7M12 2v4M12 18v4M2 12h4M18 12h4",
-  edit: "M4 20h4L19 9l-4-4L4 16zM13 7l4 4",
-  recordings: "M4 5h16v14H4zM10 9v6l5-3z",
-  alarms: "M6 17V11a6 6 0 0 1 12 0v6l2 2H4zM10 21h4",
-  close: "M6 6l12 12M18 6L6 18",
-  stop: "M8.5 3h7L21 8.5v7L15.5 21h-7L3 15.5v-7zM9 9h6v6H9z",
-};
-
 function filled(element, props, children) {
   for (const [name, value] of Object.entries(props ?? {})) set(element, name, value);
   element.append(...nodes(children));

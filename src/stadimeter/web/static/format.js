@@ -8,20 +8,38 @@ export const UNITS = {
   in: { symbol: "in", size_m: 0.0254, decimals: 1 },
 };
 
+const SLACK = 1.7;
+
 const isNumber = (value) => typeof value === "number" && Number.isFinite(value);
 const decimalsOf = (sigma, most) =>
   sigma > 0 ? Math.max(0, Math.min(most, -Number(sigma.toExponential(0).split("e")[1]))) : most;
 const fixed = (value, decimals) => (Math.round(value * 10 ** decimals) / 10 ** decimals + 0).toFixed(decimals);
 
 /** A distance as `{value, sigma, text}`: texts without the unit, and both with it. */
-export function distance(distance_m, sigma_m, unit = UNITS.m) {
+export function distance(distance_m, sigma_m, unit = UNITS.m, places = null) {
   if (!isNumber(distance_m)) return { value: UNKNOWN, sigma: "", text: UNKNOWN };
   const sigma = (isNumber(sigma_m) ? sigma_m : 0) / unit.size_m;
-  const decimals = decimalsOf(sigma, unit.decimals);
+  const decimals = places ?? decimalsOf(sigma, unit.decimals);
   const value = fixed(distance_m / unit.size_m, decimals);
   if (!sigma) return { value, sigma: "", text: `${value} ${unit.symbol}` };
   const about = fixed(Math.max(sigma, 10 ** -unit.decimals), decimals);
   return { value, sigma: about, text: `${value} ${unit.symbol} ± ${about}` };
+}
+
+/** Distances that follow each other, by name: the last digit stays where it is until ± has clearly changed. A ± that
+ *  wavers by half around a limit, as the filter's does, would have the number change its width several times a second. */
+export function steadyDistances() {
+  const kept = new Map();
+  return (name, distance_m, sigma_m, unit) => {
+    if (!(isNumber(distance_m) && sigma_m > 0)) return distance(distance_m, sigma_m, unit);
+    const [fewest, wanted, most] = [SLACK, 1, 1 / SLACK].map((by) =>
+      decimalsOf((sigma_m * by) / unit.size_m, unit.decimals),
+    );
+    const was = kept.get(name) ?? wanted;
+    const places = fewest <= was && was <= most ? was : wanted;
+    kept.set(name, places);
+    return distance(distance_m, sigma_m, unit, places);
+  };
 }
 
 export const speed = (mps, unit = UNITS.m) =>

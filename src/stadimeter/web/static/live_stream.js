@@ -40,7 +40,7 @@ export class Live {
     const key = Symbol("reader");
     this.#readers.set(key, { fn, image });
     if (this.snapshot) fn(this.snapshot, image && this.#kind === "plain" ? this.#bitmap : null);
-    this.#adjust();
+    queueMicrotask(() => this.#adjust()); // once for all parts of a view, or the first would open a stream in vain
     return () => {
       this.#readers.delete(key);
       this.#adjust();

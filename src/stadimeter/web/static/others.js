@@ -1,8 +1,8 @@
 // The pages of other cameras: a bar that says how each is, and one list of the alarms of all.
 
-import { h, keyed, write } from "./dom.js";
 import { moment, old } from "./format.js";
-import { lookOf, stateInWords } from "./views/live/rules.js";
+import { lookOf, stateInWords } from "./states.js";
+import { Badge, html } from "./ui.js";
 
 const EVERY_MS = 1000;
 const STATES = { asked: "…", live: "live", "no-run": "no run", refused: "refused", silent: "silent" };
@@ -35,46 +35,40 @@ export class Others {
 }
 
 /** Whether an alarm waits for a person, or is active. */
-export const stands = ({ acknowledged, status, inhibits }) =>
+const stands = ({ acknowledged, status, inhibits }) =>
   !acknowledged || (["active", "clearing", "latched"].includes(status) && !inhibits.length);
 
-/** A link to each page, with how it is, how many alarms stand there, and how old that is where it is not of now. */
-export const drawOthers = (root, others) => keyed(root, others, ({ url }) => url, tag);
+const asksForSomebody = (alarm) => stands(alarm) && alarm.severity !== "info";
 
-function tag({ url, name }) {
-  const badge = h("span");
-  const words = h("span", { class: "small quiet" });
-  const element = h("a", { class: "other", href: `${url}/#live`, rel: "noreferrer" }, h("b", null, name), badge, words);
-  element.update = (other) => {
-    const count = other.alarms.filter(stands).length;
-    badge.className = `badge is-${count && other.state === "live" ? "alarm" : (KINDS[other.state] ?? "quiet")}`;
-    write(badge, STATES[other.state]);
-    write(words, [count && `${count} ${count === 1 ? "alarm" : "alarms"}`, ageOf(other)].filter(Boolean).join(", "));
-    element.title = other.words;
-  };
-  return element;
+/** How many of them ask for somebody, in words; empty for none. What only informs stands in the lists. */
+export function alarmsInWords(alarms) {
+  const count = alarms.filter(asksForSomebody).length;
+  return count ? `${count} ${count === 1 ? "alarm" : "alarms"}` : "";
 }
 
 const ageOf = ({ state, age_s }) => (state === "live" || age_s === null ? "" : old(age_s * 1000));
 
+/** A link to each page, with how it is, how many alarms stand there, and how old that is where it is not of now. */
+export const OthersBar = ({ others }) =>
+  others.map((other) => {
+    const { url, name, state, words, alarms } = other;
+    const count = alarmsInWords(alarms);
+    const kind = count && state === "live" ? "alarm" : (KINDS[state] ?? "quiet");
+    return html`<a key=${url} class="other" href=${`${url}/#live`} rel="noreferrer" title=${words}>
+      <b>${name}</b><${Badge} kind=${kind}>${STATES[state]}<//>
+      <span class="small quiet">${[count, ageOf(other)].filter(Boolean).join(", ")}</span></a>`;
+  });
+
 /** The alarms that stand, of this camera and of all others, the newest first; each names its camera and leads there. */
-export function drawAllAlarms(root, others, rules) {
+export function AllAlarms({ others, rules }) {
   const ours = { url: "", name: "this camera", state: "live", age_s: 0, alarms: rules };
   const all = [ours, ...others].flatMap((camera) => camera.alarms.filter(stands).map((each) => ({ ...each, camera })));
   all.sort((a, b) => (b.raised_unix_s ?? 0) - (a.raised_unix_s ?? 0));
-  keyed(root, all, ({ camera, rule }) => `${camera.url} ${rule}`, line);
-}
-
-function line({ camera, rule }) {
-  const badge = h("span");
-  const since = h("span", { class: "small quiet" });
-  const where = h("a", { href: `${camera.url}/#alarms` }, camera.name);
-  const element = h("li", { class: "row" }, where, h("b", null, rule), badge, since);
-  element.update = (alarm) => {
-    badge.className = `badge is-${lookOf({ ...alarm, is_alarm: true })}`;
-    write(badge, stateInWords(alarm));
-    write(since, [alarm.raised_unix_s && moment(alarm.raised_unix_s), ageOf(alarm.camera)].filter(Boolean).join(", "));
-    element.classList.toggle("is-unknown", alarm.camera.state !== "live");
-  };
-  return element;
+  return html`<ul class="list small">${all.map(({ camera, ...alarm }) => {
+    const since = [alarm.raised_unix_s && moment(alarm.raised_unix_s), ageOf(camera)].filter(Boolean).join(", ");
+    const kind = lookOf({ ...alarm, is_alarm: true });
+    return html`<li key=${`${camera.url} ${alarm.rule}`} class=${`row ${camera.state === "live" ? "" : "is-unknown"}`}>
+      <a href=${`${camera.url}/#alarms`}>${camera.name}</a><b>${alarm.rule}</b>
+      <${Badge} kind=${kind}>${stateInWords(alarm)}<//><span class="small quiet">${since}</span></li>`;
+  })}</ul>`;
 }

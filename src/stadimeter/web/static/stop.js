@@ -1,6 +1,7 @@
 // Stop: sent at once, sent again until it is confirmed, and if it is not, what to do by hand.
 
-import { h, icon, write } from "./dom.js";
+import { h, write } from "./dom.js";
+import { html, Icon, render } from "./ui.js";
 
 const AGAIN_MS = 1000; // TCP sends a lost packet again within a second; a request that hangs for longer hangs for good
 const GIVE_UP_MS = 5000;
@@ -54,5 +55,7 @@ export function stopButton(api) {
     }
   }
 
-  return [h("button", props, icon("stop"), "Stop"), words];
+  const button = h("button", props);
+  render(html`<${Icon} name="stop" />Stop`, button);
+  return [button, words];
 }

@@ -1,170 +1,131 @@
 // Alarms: which stand, since when, who has seen them, and what has been.
 
-import { h, keyed, replace, write } from "../dom.js";
 import * as format from "../format.js";
-import { drawAllAlarms } from "../others.js";
-import { drawEvents, SEVERITIES } from "./live/events.js";
-import { act, actionsOf } from "./live/rule_actions.js";
-import { actionButtons, lookOf, stateInWords } from "./live/rules.js";
+import { latest } from "../latest.js";
+import { AllAlarms } from "../others.js";
+import { lookOf, stateInWords } from "../states.js";
+import { Badge, Button, html, render, useEffect, useReducer, useSnapshot, useState } from "../ui.js";
+import { Events, SEVERITIES } from "./live/events.js";
+import { Actions, act } from "./live/rules.js";
 
 const SLOW_MS = 500;
-const ALL = "On all cameras";
-const CLIPS_EVERY_MS = 5000;
+const AGAIN_MS = 5000;
 const SLACK_S = 0.5;
 
 export function mount(root, context) {
-  const { api, live, unit, session, others } = context;
-  const everywhere = h("ul", { class: "list small" });
-  const list = h("ul", { class: "list alarms" });
-  const none = h("p", { class: "quiet" }, "No rule of this configuration raises an alarm.");
-  const all = h(
-    "button",
-    {
-      type: "button",
-      class: "button primary",
-      hidden: true,
-      onclick: () =>
-        act(
-          actionsOf({ is_alarm: true, acknowledged: false, inhibits: [], severity: "safety" }, session)[0],
-          "",
-          context,
-        ).then(refresh),
-    },
-    "Acknowledge all",
-  );
-  const least = h(
-    "select",
-    { onchange: () => drawHistory() },
-    SEVERITIES.map((each) => h("option", { value: each }, each === "info" ? "everything" : `${each} and above`)),
-  );
-  const history = h("ol", { class: "list events" });
-  const nothing = h("p", { class: "quiet" }, "Nothing.");
-  replace(
-    root,
-    h(
-      "div",
-      { class: "stack" },
-      session.has_others && h("section", { class: "panel", "aria-label": ALL }, h("h2", null, ALL), everywhere),
-      h("section", { class: "panel" }, h("div", { class: "row head" }, h("h1", null, "Alarms"), all), none, list),
-      h(
-        "section",
-        { class: "panel" },
-        h("div", { class: "row head" }, h("h2", null, "History"), h("label", { class: "row" }, "Show", least)),
-        nothing,
-        history,
-      ),
-    ),
-  );
+  render(html`<${View} ...${context} />`, root);
+  return () => render(null, root);
+}
 
-  let told = { alarms: [], events: [] };
-  let clips = [];
-  /** Where the clip of a moment is replayed, at that moment; empty for none. */
-  const clipOf = (unix_s) => {
-    const found = clips.find((each) => each.began_unix_s - SLACK_S <= unix_s && unix_s <= each.ended_unix_s + SLACK_S);
-    if (!found || session.right !== "operate") return "";
-    return `#recordings/${encodeURIComponent(found.name)}/${Math.max(0, unix_s - found.began_unix_s).toFixed(1)}`;
-  };
-  const drawHistory = () => {
-    const from = SEVERITIES.indexOf(least.value);
-    const known = new Map([...told.events, ...live.history.events].map((event) => [event.number, event]));
-    const events = [...known.values()]
-      .filter((event) => SEVERITIES.indexOf(event.severity) >= from)
-      .sort((a, b) => b.number - a.number);
-    nothing.hidden = events.length > 0;
-    write(nothing, events.length ? "" : "Nothing of this kind has happened yet.");
-    drawEvents(history, events, unit, clipOf);
-  };
-  const draw = () => {
-    const past = new Map(told.alarms.map((alarm) => [alarm.rule, alarm]));
-    const rules = (live.snapshot?.rules ?? [])
-      .filter((rule) => rule.is_alarm)
-      .map((rule) => ({ ...past.get(rule.rule), ...rule }));
-    for (const rule of rules) rule.clip = clipOf(rule.raised_unix_s);
-    none.hidden = rules.length > 0;
-    all.hidden = session.right !== "operate" || rules.every((rule) => rule.acknowledged);
-    keyed(
-      list,
-      rules.sort((a, b) => weight(b) - weight(a)),
-      (rule) => rule.rule,
-      () => card(context),
-    );
-    drawAllAlarms(everywhere, others.list, rules);
-    drawHistory();
-  };
-  const refresh = async () => {
-    try {
-      const recorded = api.get("recordings").catch(() => ({ recordings: [] })); // a page may have no workbench
-      told = await api.get("alarms");
-      clips = (await recorded).recordings.filter((each) => each.clip_of);
-      draw();
-    } catch (error) {
-      write(nothing, error.message);
+function View(context) {
+  const { live, unit, session, others } = context;
+  const snapshot = useSnapshot(live, SLOW_MS);
+  const told = useTold(context);
+  const [least, choose] = useState("info");
+  const [, draw] = useReducer((count) => count + 1, 0);
+  useEffect(() => others.watch(draw), [others]);
+  const clipOf = session.right === "operate" ? (unix_s) => clipAt(told.clips, unix_s) : () => "";
+  const alarms = alarmsOf(snapshot, told);
+  const events = eventsOf(live, told).filter(
+    ({ severity }) => SEVERITIES.indexOf(severity) >= SEVERITIES.indexOf(least),
+  );
+  const isSeen = session.right !== "operate" || alarms.every(({ acknowledged }) => acknowledged);
+  return html`<div class="stack">
+    ${
+      session.has_others &&
+      html`<section class="panel" aria-label="On all cameras"><h2>On all cameras</h2>
+      <${AllAlarms} others=${others.list} rules=${alarms} /></section>`
     }
-  };
-  let last = 0;
-  let known = live.history.events[0];
-  const leave = live.subscribe(
-    () => {
-      if (live.history.events[0] !== known) refresh();
-      known = live.history.events[0];
-      if (performance.now() - last < SLOW_MS) return;
-      last = performance.now();
-      draw();
-    },
-    { image: false },
-  );
-  refresh();
-  const leaveOthers = others.watch(draw);
-  const often = setInterval(refresh, CLIPS_EVERY_MS);
-  return () => {
-    leave();
-    leaveOthers();
-    clearInterval(often);
-  };
+    <section class="panel">
+      <div class="row head"><h1>Alarms</h1>
+        ${!isSeen && html`<${Button} kind="primary" onclick=${() => act("ack", null, context)}>Acknowledge all<//>`}</div>
+      ${!alarms.length && html`<p class="quiet">No rule of this configuration raises an alarm.</p>`}
+      <ul class="list alarms">${alarms.map(
+        (alarm) =>
+          html`<${Alarm} key=${alarm.rule} alarm=${alarm} clip=${clipOf(alarm.raised_unix_s)} ...${context} />`,
+      )}</ul>
+    </section>
+    <section class="panel">
+      <div class="row head"><h2>History</h2><label class="row">Show
+        <select onchange=${(event) => choose(event.target.value)}>${SEVERITIES.map(
+          (each) => html`<option value=${each}>${each === "info" ? "everything" : `${each} and above`}</option>`,
+        )}</select></label></div>
+      ${!events.length && html`<p class="quiet">${told.failed || "Nothing of this kind has happened yet."}</p>`}
+      <${Events} events=${events} unit=${unit} clipOf=${clipOf} />
+    </section>
+  </div>`;
 }
 
-/** What needs somebody comes first. */
-const weight = ({ acknowledged, active }) => 2 * !acknowledged + Boolean(active);
-
-function card(context) {
-  const name = h("h3");
-  const state = h("span");
-  const facts = h("dl", { class: "facts small" });
-  const actions = actionButtons(context);
-  const clip = h("a", { class: "button" }, "Watch the clip");
-  const body = h("div", { class: "body" }, facts, clip, actions);
-  const element = h("li", { class: "rule" }, h("div", { class: "row head" }, name, state), body);
-  element.update = (alarm) => {
-    write(name, alarm.rule);
-    state.className = `badge is-${lookOf(alarm)}`;
-    write(state, stateInWords(alarm));
-    keyed(facts, factsOf(alarm, context.unit), ([label]) => label, fact);
-    Object.assign(clip, { href: alarm.clip, hidden: !alarm.clip });
-    actions.update(alarm);
-  };
-  return element;
+/** What the run and the workbench tell of alarms and clips: asked now and then, and when something has happened. */
+function useTold({ api, live }) {
+  const [told, set] = useState({ alarms: [], events: [], clips: [], failed: "" });
+  useEffect(() => {
+    const ask = latest(async (signal) => {
+      try {
+        const recorded = api.get("recordings", { signal }).catch(() => ({ recordings: [] })); // there may be no workbench
+        const { alarms, events } = await api.get("alarms", { signal });
+        const clips = (await recorded).recordings.filter(({ clip_of }) => clip_of);
+        set({ alarms, events, clips, failed: "" });
+      } catch (error) {
+        if (!signal.aborted) set((was) => ({ ...was, failed: error.message }));
+      }
+    });
+    let [known] = live.history.events;
+    const leave = live.subscribe(
+      () => {
+        if (live.history.events[0] !== known) ask();
+        [known] = live.history.events;
+      },
+      { image: false },
+    );
+    ask();
+    const often = setInterval(ask, AGAIN_MS);
+    return () => (leave(), clearInterval(often), ask.end());
+  }, [api, live]);
+  return told;
 }
 
-function fact([label]) {
-  const words = h("dd");
-  return Object.assign(h("div", null, h("dt", null, label), words), { update: ([, text]) => write(words, text) });
+/** Where the clip of a moment is replayed, at that moment; empty for none. */
+function clipAt(clips, unix_s) {
+  const found = clips.find((each) => each.began_unix_s - SLACK_S <= unix_s && unix_s <= each.ended_unix_s + SLACK_S);
+  if (!found) return "";
+  return `#recordings/${encodeURIComponent(found.name)}/${Math.max(0, unix_s - found.began_unix_s).toFixed(1)}`;
 }
+
+function eventsOf(live, told) {
+  const known = new Map([...told.events, ...live.history.events].map((event) => [event.number, event]));
+  return [...known.values()].sort((a, b) => b.number - a.number);
+}
+
+/** The alarms with what is known of their past; what needs somebody comes first. */
+function alarmsOf(snapshot, told) {
+  const past = new Map(told.alarms.map((alarm) => [alarm.rule, alarm]));
+  const weight = ({ acknowledged, active }) => 2 * !acknowledged + Boolean(active);
+  return (snapshot?.rules ?? [])
+    .filter(({ is_alarm }) => is_alarm)
+    .map((rule) => ({ ...past.get(rule.rule), ...rule }))
+    .sort((a, b) => weight(b) - weight(a));
+}
+
+const Alarm = ({ alarm, clip, unit, ...context }) => html`<li class="rule">
+  <div class="row head"><h2>${alarm.rule}</h2><${Badge} kind=${lookOf(alarm)}>${stateInWords(alarm)}<//></div>
+  <div class="body">
+    <dl class="facts small">${factsOf(alarm, unit).map(
+      ([label, words]) => html`<div key=${label}><dt>${label}</dt><dd>${words}</dd></div>`,
+    )}</dl>
+    ${clip && html`<a class="button" href=${clip}>Watch the clip</a>`}
+    <${Actions} rule=${alarm} ...${context} />
+  </div>
+</li>`;
 
 function factsOf(alarm, unit) {
-  const who =
-    alarm.acknowledged_unix_s &&
-    [`${alarm.acknowledged_by || "somebody"}, ${format.moment(alarm.acknowledged_unix_s)}`, alarm.why]
-      .filter(Boolean)
-      .join(": ");
+  const times = alarm.count > 1 ? `, ${alarm.count} times in this run` : "";
+  const seen = `${alarm.acknowledged_by || "somebody"}, ${format.moment(alarm.acknowledged_unix_s)}`;
   return [
     ["why", format.words(alarm.reason ?? "", unit)],
-    [
-      "raised",
-      alarm.raised_unix_s &&
-        `${format.moment(alarm.raised_unix_s)}${alarm.count > 1 ? `, ${alarm.count} times in this run` : ""}`,
-    ],
+    ["raised", alarm.raised_unix_s && `${format.moment(alarm.raised_unix_s)}${times}`],
     ["cleared", alarm.cleared_unix_s && format.moment(alarm.cleared_unix_s)],
-    ["acknowledged", who],
+    ["acknowledged", alarm.acknowledged_unix_s && [seen, alarm.why].filter(Boolean).join(": ")],
     ["severity", alarm.severity],
-  ].filter(([, text]) => text);
+  ].filter(([, words]) => words);
 }

@@ -1,189 +1,153 @@
 // Recordings: make one, list, replay with a slider, download, delete.
 
 import { ask } from "../dialog.js";
-import { button, h, replace, write } from "../dom.js";
 import * as format from "../format.js";
+import { latest } from "../latest.js";
+import { Badge, Button, html, Own, render, useEffect, useRef, useSnapshot, useState } from "../ui.js";
 import { Replay } from "./replay.js";
 
-/** Show the view in `root`; returns what takes it down. */
+const CLIP_END_S = 2; // a clip is finished within a second or so after its end
+
 export function mount(root, context) {
-  const view = new Recordings(context);
-  replace(root, view.element);
-  view.load();
-  const leave = context.live.subscribe((snapshot) => view.update(snapshot), { image: false });
-  const lost = context.live.watch(({ status }) => view.connected(status));
-  return () => {
-    leave();
-    lost();
-    view.replay?.close();
-  };
+  render(html`<${View} ...${context} />`, root);
+  return () => render(null, root);
 }
 
-class Recordings {
-  constructor(context) {
-    Object.assign(this, { context, canOperate: context.session.right === "operate", isRecording: false, replay: null });
-    this.listedAgain_ms = Infinity; // when a clip under way is whole
-    this.record = button("Record", () => this.#record(), "primary", { hidden: !this.canOperate });
-    const keep = () => this.#order("recordings/clip", { by: localStorage.getItem("name") || undefined });
-    this.keep = button("Save clip", keep, "", { hidden: !this.canOperate });
-    this.now = h("p", { class: "grow", role: "status" });
-    const orders = h("div", { class: "row" }, this.record, this.keep, this.now);
-    this.folder = h("p", { class: "quiet small" });
-    this.list = h("ul", { class: "list recordings" });
-    this.player = h("div");
-    this.element = h(
-      "div",
-      { class: "stack" },
-      h("section", { class: "panel stack of-run", "aria-label": "Record" }, h("h1", {}, "Recordings"), orders),
-      this.player,
-      h("section", { class: "panel", "aria-label": "List" }, this.list, this.folder),
-    );
-  }
-
-  async load() {
+function View(context) {
+  const { api, say, session } = context;
+  const canOperate = session.right === "operate";
+  const [told, load] = useRecordings(api);
+  const [shown, show] = useState(named(location.hash)); // `{name, at_s}`: what is replayed
+  const order = async (path, body) => {
     try {
-      const { recordings, folder, left_out } = await this.context.api.get("recordings");
-      replace(
-        this.list,
-        recordings.length
-          ? recordings.map((each) => this.#row(each))
-          : h(
-              "li",
-              {},
-              "There are none yet. A recording holds the pictures, what was measured in them, " +
-                "and what the rules decided.",
-            ),
-      );
-      this.#openNamed(recordings);
-      write(this.folder, `In ${folder}.${left_out ? ` ${left_out} older ones are not listed.` : ""}`);
+      const { words, seconds } = await api.post(path, body);
+      if (words) say(words);
+      if (seconds) setTimeout(load, 1000 * (seconds + CLIP_END_S));
     } catch (error) {
-      replace(this.list, h("li", {}, error.message));
+      say(error.message, "error");
     }
-  }
-
-  update({ recording }) {
-    const was = this.isRecording;
-    this.isRecording = Boolean(recording);
-    write(this.record, this.isRecording ? "Stop recording" : "Record");
-    write(
-      this.now,
-      recording
-        ? `Recording: ${format.span(recording.seconds)}, ${format.size(recording.bytes)}.`
-        : "A recording can be replayed here, and changed rules be tried on it.",
-    );
-    if (was !== this.isRecording || Date.now() > this.listedAgain_ms) {
-      this.listedAgain_ms = Infinity;
-      this.load();
+    return load();
+  };
+  const remove = async ({ name }) => {
+    const words = "It is gone for good. Download it first if you may need it.";
+    const send = () => api.del(`recordings/${encodeURIComponent(name)}`);
+    if (!(await ask({ title: `Delete ${name}?`, words, action: "Delete", isDangerous: true, send }))) return;
+    if (shown?.name === name) show(null);
+    say(`${name} is deleted.`);
+    load();
+  };
+  const replayed = canOperate && told.recordings?.find(({ name }) => name === shown?.name);
+  const row = (each) => html`<${Recording} key=${each.name} recording=${each} canOperate=${canOperate}
+    open=${() => show({ name: each.name, at_s: 0 })} remove=${() => remove(each)} />`;
+  return html`<div class="stack">
+    <section class="panel stack of-run" aria-label="Record"><h1>Recordings</h1>
+      <${Orders} live=${context.live} load=${load} order=${canOperate && order} /></section>
+    ${
+      replayed &&
+      html`<${Player} key=${`${shown.name} ${shown.at_s}`} recording=${replayed} at_s=${shown.at_s}
+      context=${context} end=${() => show(null)} />`
     }
-  }
+    <section class="panel" aria-label="List">
+      <ul class="list recordings">
+        ${told.failed && html`<li>${told.failed}</li>`}
+        ${told.recordings?.map(row)}
+        ${
+          told.recordings?.length === 0 &&
+          html`<li>There are none yet. A recording holds the pictures, what was measured
+          in them, and what the rules decided.</li>`
+        }
+      </ul>
+      <p class="quiet small">${told.folder && `In ${told.folder}.`}
+        ${told.left_out > 0 && ` ${told.left_out} older ones are not listed.`}</p>
+    </section>
+  </div>`;
+}
 
-  connected(status) {
-    this.record.disabled = status !== "live";
-    if (status === "lost") write(this.now, "There is no run to record now.");
-  }
-
-  async #record() {
-    this.record.disabled = true;
-    await this.#order("recordings", { do: this.isRecording ? "stop" : "start" });
-    this.record.disabled = false;
-  }
-
-  async #order(path, body) {
+/** The recordings that there are, and what asks for them anew. */
+function useRecordings(api) {
+  const [told, set] = useState({ recordings: null });
+  const load = useRef(null);
+  load.current ??= latest(async (signal) => {
     try {
-      const { words, seconds } = await this.context.api.post(path, body);
-      if (words) this.context.say(words);
-      if (seconds) this.listedAgain_ms = Date.now() + 1000 * (seconds + 2); // it is finished within a second or so
+      set(await api.get("recordings", { signal }));
     } catch (error) {
-      this.context.say(error.message, "error");
+      if (!signal.aborted) set({ recordings: null, failed: error.message });
     }
-    this.load();
-  }
+  });
+  useEffect(() => () => load.current.end(), []);
+  return [told, load.current];
+}
 
-  /** Open the recording that the address names, once, at its moment: `#recordings/NAME/SECONDS`. */
-  #openNamed(recordings) {
-    const [, name, at_s] = location.hash.split("/");
-    const wanted = name && !this.wasOpened && recordings.find((each) => each.name === decodeURIComponent(name));
-    if (!wanted || !this.canOperate) return;
-    this.wasOpened = true;
-    this.#open(wanted, Number(at_s) || 0);
-  }
+/** The recording that the address names, and its moment: `#recordings/NAME/SECONDS`. */
+function named(hash) {
+  const [, name, at_s] = hash.split("/");
+  return name ? { name: decodeURIComponent(name), at_s: Number(at_s) || 0 } : null;
+}
 
-  #row(recording) {
-    const { name, kind, seconds, bytes, unix_s, configuration, damage, is_growing, clip_of } = recording;
-    const clip = clip_of && `${clip_of.source} ${clip_of.kind}: ${clip_of.reason}`;
-    const facts = [
-      clip,
-      format.moment(unix_s),
-      seconds === null ? "" : format.span(seconds),
-      format.size(bytes),
-      configuration,
-      kind === "journal" ? "no pictures" : "",
-    ];
-    const button = (words, onclick) =>
-      h("button", { type: "button", class: "button", "aria-label": `${words} ${name}`, onclick }, words);
-    const path = `recordings/${encodeURIComponent(name)}`;
-    const actions = [
-      seconds > 0 && kind === "recording" && button("Replay", () => this.#open(recording)),
-      !is_growing &&
-        h(
-          "a",
-          { class: "button", href: `/api/v1/${path}`, download: name, "aria-label": `Download ${name}` },
-          "Download",
-        ),
-      !is_growing && button("Delete", () => this.#delete(name, path)),
-    ];
-    return h(
-      "li",
-      {},
-      h(
-        "div",
-        { class: "row" },
-        h(
-          "div",
-          { class: "grow" },
-          h("strong", {}, name),
-          is_growing && h("span", { class: "badge is-alarm" }, "recording"),
-          h("p", { class: "quiet" }, facts.filter(Boolean).join(" · ")),
-        ),
-        this.canOperate && h("div", { class: "row" }, actions),
-      ),
-      damage && h("p", { class: "damaged" }, `▲ Damaged: ${damage}`),
-    );
-  }
-
-  #open(recording, at_s) {
-    this.replay?.close();
-    this.replay = new Replay(
-      recording,
-      this.context,
-      () => {
-        replace(this.player);
-        this.replay = null;
-      },
-      at_s,
-    );
-    replace(this.player, this.replay.element);
-    this.replay.slider.focus({ preventScroll: true });
-    this.player.scrollIntoView({ block: "start" });
-  }
-
-  async #delete(name, path) {
-    if (
-      !(await ask({
-        title: `Delete ${name}?`,
-        words: "It is gone for good. Download it first if you may need it.",
-        action: "Delete",
-        isDangerous: true,
-      }))
-    )
-      return;
-    try {
-      await this.context.api.del(path);
-      if (this.replay?.name === name) this.replay.end();
-      this.context.say(`${name} is deleted.`);
-    } catch (error) {
-      this.context.say(error.message, "error");
+function Orders({ live, load, order }) {
+  const recording = useSnapshot(live)?.recording;
+  const isLive = live.state.status === "live";
+  useEffect(() => void load(), [Boolean(recording)]);
+  const [isAsking, set] = useState(false);
+  const record = async () => {
+    set(true);
+    await order("recordings", { do: recording ? "stop" : "start" });
+    set(false);
+  };
+  const keep = () => order("recordings/clip", { by: localStorage.getItem("name") || undefined });
+  const words = !isLive
+    ? "There is no run to record now."
+    : recording
+      ? `Recording: ${format.span(recording.seconds)}, ${format.size(recording.bytes)}.`
+      : "A recording can be replayed here, and changed rules be tried on it.";
+  return html`<div class="row">
+    ${
+      order &&
+      html`<${Button} kind="primary" disabled=${isAsking || !isLive} onclick=${record}>
+        ${recording ? "Stop recording" : "Record"}<//>
+      <${Button} onclick=${keep}>Save clip<//>`
     }
-    this.load();
-  }
+    <p class="grow">${words}</p></div>`;
+}
+
+function Recording({ recording, canOperate, open, remove }) {
+  const { name, kind, seconds, bytes, unix_s, configuration, damage, is_growing, clip_of } = recording;
+  const facts = [
+    clip_of && `${clip_of.source} ${clip_of.kind}: ${clip_of.reason}`,
+    format.moment(unix_s),
+    seconds === null ? "" : format.span(seconds),
+    format.size(bytes),
+    configuration,
+    kind === "journal" ? "no pictures" : "",
+  ];
+  const path = `/api/v1/recordings/${encodeURIComponent(name)}`;
+  const canReplay = seconds > 0 && kind === "recording";
+  return html`<li>
+    <div class="row"><div class="grow"><strong>${name}</strong>
+        ${is_growing && html` <${Badge} kind="alarm">recording<//>`}
+        <p class="quiet">${facts.filter(Boolean).join(" · ")}</p></div>
+      ${
+        canOperate &&
+        html`<div class="row">
+        ${canReplay && html`<${Button} label=${`Replay ${name}`} onclick=${open}>Replay<//>`}
+        ${
+          !is_growing &&
+          html`<a class="button" href=${path} download=${name} aria-label=${`Download ${name}`}>Download</a>
+          <${Button} label=${`Delete ${name}`} onclick=${remove}>Delete<//>`
+        }</div>`
+      }</div>
+    ${damage && html`<p class="damaged">▲ Damaged: ${damage}</p>`}
+  </li>`;
+}
+
+function Player({ recording, at_s, context, end }) {
+  const make = () => {
+    const replay = new Replay(recording, context, end, at_s);
+    queueMicrotask(() => {
+      replay.slider.focus({ preventScroll: true });
+      replay.element.scrollIntoView({ block: "start" });
+    });
+    return Object.assign(replay.element, { takeDown: () => replay.close() });
+  };
+  return html`<${Own} make=${make} />`;
 }

@@ -3,12 +3,15 @@
 import { ask } from "../../dialog.js";
 import { differenceView } from "../../difference.js";
 import { h, replace, write } from "../../dom.js";
-import { keepDraft, keptDraft } from "./draft.js";
+import { latest } from "../../latest.js";
+import { html, render } from "../../ui.js";
 import { Editor } from "./editor.js";
-import { Checker, Meaning } from "./problems.js";
+import { Meaning } from "./problems.js";
 import { Saving } from "./saving.js";
 import { Trying } from "./trying.js";
 import { Versions } from "./versions.js";
+
+const PAUSE_MS = 250; // since the last key
 
 /** Show the view in `root`; returns what takes it down. */
 export function mount(root, { api, say, unit }) {
@@ -21,15 +24,10 @@ class Desk {
   constructor(root, api, say, unit) {
     Object.assign(this, { root, api, say, unit, base: { text: "", version: "" }, path: "" });
     this.editor = new Editor("Configuration, as TOML", () => this.#changed());
-    this.meaning = new Meaning(() => this.checker.now(this.editor.text, { tests: true }));
-    this.checker = new Checker(
-      api,
-      (answer, { tests }) => this.#checked(answer, tests),
-      (error) => this.meaning.fail(error.message),
-    );
+    this.meaning = h("div");
     this.saving = new Saving(this);
     this.trying = new Trying(this);
-    this.versions = new Versions(this);
+    this.versions = h("div");
     this.state = h("p", { class: "quiet grow", role: "status" });
     this.save = h("button", { type: "button", class: "button primary", onclick: () => this.#save() }, "Save");
     this.discard = h("button", { type: "button", class: "button", onclick: () => this.#discard() }, "Discard changes");
@@ -56,7 +54,7 @@ class Desk {
       if (draft) this.base = draft.base;
       this.editor.text = draft?.text ?? text;
       this.#changed();
-      this.versions.show(versions);
+      this.#showVersions(versions);
       this.trying.load();
       if (draft)
         this.say(
@@ -71,7 +69,8 @@ class Desk {
   }
 
   close() {
-    this.checker.stop();
+    clearTimeout(this.timer);
+    this.check.end();
     this.trying.stop();
     window.removeEventListener("beforeunload", this.leaving);
   }
@@ -105,10 +104,39 @@ class Desk {
     try {
       const now = await this.api.get("configuration");
       use(now);
-      this.versions.show(now.versions);
+      this.#showVersions(now.versions);
     } catch (error) {
       this.say(error.message, "error");
     }
+  }
+
+  #showVersions = (versions) => render(html`<${Versions} versions=${versions} desk=${this} />`, this.versions);
+
+  /** Ask what a text means; the newest one is asked about at once. */
+  check = latest(
+    async (signal, text, options = {}) => {
+      try {
+        this.#checked(await this.api.post("configuration/check", { text, ...options }, { signal }), options.tests);
+      } catch (error) {
+        if (!signal.aborted) this.#showMeaning({ failed: error.message });
+      }
+    },
+    { calls_off: true },
+  );
+
+  #checked(answer, isTested = false) {
+    const problems = answer.problems.map((each) => ({
+      ...each,
+      isElsewhere: Boolean(each.file) && each.file !== this.path,
+    }));
+    this.editor.show(problems.filter((each) => !each.isElsewhere));
+    this.#showMeaning({ ...answer, problems, tests: isTested ? answer.tests : null });
+  }
+
+  #showMeaning(answer) {
+    const goTo = (line, column) => this.editor.goTo(line, column);
+    const test = () => this.check(this.editor.text, { tests: true });
+    render(html`<${Meaning} answer=${answer} goTo=${goTo} test=${test} />`, this.meaning);
   }
 
   async #save() {
@@ -118,21 +146,16 @@ class Desk {
   }
 
   async #discard() {
-    if (
-      await ask({
-        title: "Discard your changes?",
-        words: "The field shows what is saved. Undo brings your text back.",
-        action: "Discard",
-      })
-    )
-      this.editor.text = this.base.text;
+    const words = "The field shows what is saved. Undo brings your text back.";
+    if (await ask({ title: "Discard your changes?", words, action: "Discard" })) this.editor.text = this.base.text;
   }
 
   #changed() {
     keepDraft(this.path, this.editor.text, this.base);
     write(this.state, this.isChanged ? "Not saved." : "As saved.");
     this.save.disabled = this.discard.disabled = !this.isChanged;
-    this.checker.soon(this.editor.text);
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.check(this.editor.text), PAUSE_MS);
     this.trying.changed();
     this.#showChanges();
   }
@@ -145,16 +168,8 @@ class Desk {
       );
   }
 
-  #checked(answer, isTested = false) {
-    const problems = answer.problems.map((each) => ({
-      ...each,
-      isElsewhere: Boolean(each.file) && each.file !== this.path,
-    }));
-    this.editor.show(problems.filter((each) => !each.isElsewhere));
-    this.meaning.show({ ...answer, problems }, (line, column) => this.editor.goTo(line, column), isTested);
-  }
-
   #draw() {
+    this.#showMeaning(null);
     replace(
       this.root,
       h(
@@ -169,9 +184,33 @@ class Desk {
           this.saving.element,
           this.changes,
         ),
-        this.meaning.element,
-        h("div", { class: "stack wide" }, this.trying.element, this.versions.element),
+        this.meaning,
+        h("div", { class: "stack wide" }, this.trying.element, this.versions),
       ),
     );
+  }
+}
+
+// The text that is not saved yet, and what it began from: kept in the tab, so that a reload of the page loses nothing.
+
+const KEY = "stadimeter.draft";
+
+/** The kept draft of this configuration: `{path, text, base}`, or null. */
+function keptDraft(path) {
+  try {
+    const draft = JSON.parse(sessionStorage.getItem(KEY));
+    return draft?.path === path ? draft : null;
+  } catch {
+    return null;
+  }
+}
+
+/** Keep a draft; one that is as saved is forgotten. */
+function keepDraft(path, text, base) {
+  try {
+    if (text === base.text) sessionStorage.removeItem(KEY);
+    else sessionStorage.setItem(KEY, JSON.stringify({ path, text, base }));
+  } catch {
+    // A browser that keeps nothing: the text is still on the page, which asks before it is left.
   }
 }

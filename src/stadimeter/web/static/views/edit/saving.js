@@ -40,8 +40,10 @@ export class Saving {
     else throw error;
   }
 
-  /** Say what is needed for the run to use what was saved, and do it on a button. */
+  /** Say what is needed for the run to use what was saved, and do it on a button. A view that shows thresholds asks for
+   *  them anew. */
   offer({ needs }) {
+    this.desk.loadMarks?.();
     const { path, words, why } = APPLY[needs] ?? { why: "The run goes by it already." };
     replace(
       this.element,

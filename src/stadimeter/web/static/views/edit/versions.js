@@ -2,78 +2,47 @@
 
 import { ask } from "../../dialog.js";
 import { differenceView } from "../../difference.js";
-import { button, h, replace } from "../../dom.js";
 import { moment } from "../../format.js";
+import { Button, html, Own, useState } from "../../ui.js";
 
 /** `desk` is the view: its `api`, `say`, `base`, `editor` and `restored(answer)`. */
-export class Versions {
-  constructor(desk) {
-    this.desk = desk;
-    this.list = h("ul", { class: "list versions" });
-    this.element = h(
-      "section",
-      { class: "panel", "aria-label": "Versions" },
-      h("h2", {}, "Former versions"),
-      this.list,
-    );
-  }
+export const Versions = ({ versions, desk }) => html`<section class="panel" aria-label="Versions">
+  <h2>Former versions</h2>
+  <ul class="list versions">
+    ${!versions.length && html`<li class="quiet">None yet. Each save keeps the text that it replaces.</li>`}
+    ${versions.map((each) => html`<${Version} key=${each.id} ...${each} desk=${desk} />`)}
+  </ul>
+</section>`;
 
-  show(versions) {
-    if (versions.length)
-      replace(
-        this.list,
-        versions.map((each) => this.#row(each)),
-      );
-    else replace(this.list, h("li", { class: "quiet" }, "None yet. Each save keeps the text that it replaces."));
-  }
-
-  #row({ id, unix_s, words }) {
-    const difference = h("div");
-    const title = moment(unix_s);
-    const look = button("Compare", () => this.#look(id, look, difference), "", {
-      "aria-expanded": "false",
-      "aria-label": `Compare the version of ${title}`,
-    });
-    const named = { "aria-label": `Bring back the version of ${title}` };
-    const bring = button("Bring back", () => this.#bring(id, title), "", named);
-    return h(
-      "li",
-      { class: "stack" },
-      h(
-        "div",
-        { class: "row" },
-        h("div", { class: "grow" }, h("strong", {}, title), h("p", { class: "quiet" }, words)),
-        look,
-        bring,
-      ),
-      difference,
-    );
-  }
-
-  async #look(id, look, difference) {
-    const isOpen = look.getAttribute("aria-expanded") === "true";
-    look.setAttribute("aria-expanded", String(!isOpen));
-    if (isOpen) return replace(difference);
+function Version({ id, unix_s, words, desk }) {
+  const [text, show] = useState(null); // that of the version, while it is compared
+  const title = moment(unix_s);
+  const path = `configuration/versions/${encodeURIComponent(id)}`;
+  const compare = async () => {
     try {
-      const { text } = await this.desk.api.get(`configuration/versions/${encodeURIComponent(id)}`);
-      const changes = differenceView(text, this.desk.editor.text, "From that version to the text in the field");
-      replace(difference, changes ?? h("p", {}, "The text in the field is the same."));
+      show(text === null ? (await desk.api.get(path)).text : null);
     } catch (error) {
-      this.desk.say(error.message, "error");
+      desk.say(error.message, "error");
     }
-  }
-
-  async #bring(id, title) {
-    const words = "It becomes the saved configuration. The one that is saved now is kept among the versions.";
-    if (!(await ask({ title: `Bring back the version of ${title}?`, words, action: "Bring back" }))) return;
-    try {
-      this.desk.restored(
-        await this.desk.api.post(`configuration/versions/${encodeURIComponent(id)}/restore`, {
-          base_version: this.desk.base.version,
-        }),
-      );
-    } catch (error) {
-      this.desk.say(error.message, "error");
+  };
+  const bring = async () => {
+    const about = "It becomes the saved configuration. The one that is saved now is kept among the versions.";
+    const send = () => desk.api.post(`${path}/restore`, { base_version: desk.base.version });
+    const question = { title: `Bring back the version of ${title}?`, words: about, action: "Bring back", send };
+    const done = await ask(question);
+    if (done) desk.restored(done.answer);
+  };
+  const changes = text !== null && differenceView(text, desk.editor.text, "From that version to the text in the field");
+  return html`<li class="stack">
+    <div class="row">
+      <div class="grow"><strong>${title}</strong><p class="quiet">${words}</p></div>
+      <${Button} onclick=${compare} aria-expanded=${String(text !== null)} label=${`Compare the version of ${title}`}>
+        Compare<//>
+      <${Button} onclick=${bring} label=${`Bring back the version of ${title}`}>Bring back<//>
+    </div>
+    ${
+      text !== null &&
+      (changes ? html`<${Own} make=${() => changes} />` : html`<p>The text in the field is the same.</p>`)
     }
-  }
+  </li>`;
 }

@@ -1,7 +1,7 @@
 // The colour of a ball of the run, by sliders beside what has that colour in the run's picture now.
 
 import { colourSliders } from "../../colour_sliders.js";
-import { ask, showModal } from "../../dialog.js";
+import { showModal } from "../../dialog.js";
 import { button, h, write } from "../../dom.js";
 import { distance } from "../../format.js";
 import { Saving } from "../edit/saving.js";
@@ -16,8 +16,9 @@ export function openColour(target, { api, say, unit }) {
   const stop = new AbortController();
   const saving = new Saving({ api, say });
   const sliders = colourSliders(() => (save.disabled = false));
+  const leave = () => close();
   const image = h("img", { alt: "What has this colour" });
-  const words = h("p", { class: "small", role: "status" });
+  const words = h("p", { class: "small" });
   const save = button("Save", keep, "primary", { disabled: true });
   const dialog = h(
     "dialog",
@@ -32,17 +33,8 @@ export function openColour(target, { api, say, unit }) {
     stop.abort();
     URL.revokeObjectURL(image.src);
   });
-  dialog.addEventListener("cancel", (event) => {
-    event.preventDefault(); // Escape
-    leave();
-  });
-  showModal(dialog);
+  const close = showModal(dialog, () => !save.disabled);
   next();
-
-  async function leave() {
-    const words = "The sliders were moved, and the range was not saved.";
-    if (save.disabled || (await ask({ title: "Leave without saving?", words, action: "Leave" }))) dialog.close();
-  }
 
   async function next() {
     let pause = PAUSE_MS;

@@ -1,54 +1,26 @@
-// What happened, newest first.
+// What happened, newest first: each as when, what to whom, why and who.
 
-import { h, keyed } from "../../dom.js";
 import * as format from "../../format.js";
+import { html } from "../../ui.js";
 
 export const SEVERITIES = ["info", "warning", "alarm", "safety"];
 const LOOKS = { info: "quiet", warning: "warning", alarm: "alarm", safety: "alarm" };
 
-export function eventList({ live, unit }, most) {
-  const list = h("ol", { class: "list events" });
-  const none = h("p", { class: "quiet", hidden: true }, "Nothing has happened yet.");
-  const element = h(
-    "section",
-    { class: "panel happened" },
-    h("h2", null, "Events"),
-    none,
-    list,
-    h("p", null, h("a", { href: "#alarms" }, "All alarms and events")),
-  );
-  return {
-    element,
-    update() {
-      none.hidden = live.history.events.length > 0;
-      drawEvents(list, live.history.events.slice(0, most), unit);
-    },
-  };
-}
+/** `clipOf(unix_s)` knows where the clip of a moment is, or nothing. */
+export const Events = ({ events, unit, clipOf = () => "" }) => html`<ol class="list events">
+  ${events.map((event) => html`<${Event} key=${event.number} ...${event} in=${unit} clip=${clipOf(event.unix_s)} />`)}
+</ol>`;
 
-/** Put events into a list, each as when, what to whom, why and who, and its clip where `clipOf` knows one. */
-export function drawEvents(list, events, unit, clipOf = () => "") {
-  keyed(
-    list,
-    events,
-    (event) => event.number,
-    (event) => {
-      const clip = h("a", { class: "small" }, "Watch the clip");
-      const update = ({ unix_s }) => Object.assign(clip, { href: clipOf(unix_s), hidden: !clipOf(unix_s) });
-      const element = h(
-        "li",
-        { class: "event" },
-        h("span", { class: `mark is-${LOOKS[event.severity]}`, title: event.severity }),
-        h("strong", null, `${event.source} ${event.kind.replaceAll("_", " ")}`, event.by && ` by ${event.by}`),
-        h("time", { class: "number quiet small" }, format.moment(event.unix_s)),
-        why(event) && h("span", { class: "reason small" }, format.words(why(event), unit)),
-        clip,
-        h("span", { class: "sr" }, `(${event.severity})`),
-      );
-      return Object.assign(element, { update });
-    },
-  );
-}
+export const whatHappened = ({ source, kind, by }) => `${source} ${kind.replaceAll("_", " ")}${by ? ` by ${by}` : ""}`;
+
+const Event = ({ in: unit, clip, ...event }) => html`<li class="event">
+  <span class=${`mark is-${LOOKS[event.severity]}`} title=${event.severity} />
+  <strong>${whatHappened(event)}</strong>
+  <time class="number quiet small">${format.moment(event.unix_s)}</time>
+  ${why(event) && html`<span class="reason small">${format.words(why(event), unit)}</span>`}
+  ${clip && html`<a class="clip small" href=${clip}>Watch the clip</a>`}
+  <span class="sr">(${event.severity})</span>
+</li>`;
 
 /** Why it happened, without who did it: that is said above it. */
 const why = ({ reason, by }) =>

@@ -1,57 +1,168 @@
-// The live page: what the camera sees, what is measured, what the rules do about it, and how all of it is.
+// The live page: what the camera sees with its distance, what the rules do about it; the rest is folded until wanted.
 
-import { h, replace } from "../../dom.js";
-import { chart } from "./chart.js";
-import { eventList } from "./events.js";
-import { health, messages } from "./health.js";
-import { outputs } from "./outputs.js";
-import { picture } from "./picture.js";
-import { room } from "./room.js";
-import { rules } from "./rules.js";
-import { remembered, targets } from "./targets.js";
+import * as format from "../../format.js";
+import { Fold, html, Own, render, useEffect, useKept, useRef, useSnapshot, useState } from "../../ui.js";
+import { TimelineChart } from "../timeline/chart.js";
+import { dataOf, readAt } from "../timeline/data.js";
+import { Events, whatHappened } from "./events.js";
+import { Outputs } from "./outputs.js";
+import { Picture, Tools } from "./picture.js";
+import { Room } from "./room.js";
+import { Rules } from "./rules.js";
 
-const SLOW_MS = 200; // words and lines need not change as often as the picture
+const EVENTS_MAX = 5;
+const CHART_EVERY_MS = 500;
+const CHART_PX = 120;
+const CHART_STEPS = 300;
+const WINDOWS = [
+  ["30", "30 s"],
+  ["60", "1 min"],
+  ["300", "5 min"],
+];
+const CHARTED = new Set(["raised", "cleared", "acknowledged", "reset", "fault", "target_lost"]);
 
 export function mount(root, context) {
-  const quick = [picture(context), targets(context)];
-  const slow = [
-    rules(context),
-    outputs(context),
-    chart(context),
-    eventList(context, 5),
-    health(context),
-    room(context),
-    messages(context),
-    remembered(context),
-  ];
-  const [shown, figures] = quick;
-  const [ofRules, ofOutputs, ofChart, ofEvents, ofHealth, ofRoom, ofMessages, ofFigures] = slow;
-  const column = (name, ...parts) =>
-    h(
-      "div",
-      { class: `stack ${name}` },
-      parts.map((part) => part.element),
-    );
-  replace(
-    root,
-    h("h1", { class: "sr" }, "Live"),
-    h(
-      "div",
-      { class: "live" },
-      column("seen", shown, shown.tools, ofChart, ofEvents),
-      column("done", figures, ofRules, ofFigures, ofOutputs),
-      column("told", ofRoom, ofHealth, ofMessages),
-    ),
-  );
-  let last = 0;
-  const leave = context.live.subscribe((snapshot, bitmap) => {
-    for (const part of quick) part.update(snapshot, bitmap);
-    if (performance.now() - last < SLOW_MS) return;
-    last = performance.now();
-    for (const part of slow) part.update(snapshot);
-  });
-  return () => {
-    leave();
-    for (const part of [...quick, ...slow]) part.takeDown?.();
+  render(html`<${View} ...${context} />`, root);
+  return () => render(null, root);
+}
+
+/** It draws nothing by itself when a snapshot comes: its parts do, each at its own pace. */
+const View = (context) => html`<h1 class="sr">Live</h1>
+  <div class="live">
+    <div class="stack seen"><${Picture} ...${context} /><${Chart} ...${context} /></div>
+    <${Told} ...${context} />
+  </div>`;
+
+function Told(context) {
+  const { live, unit } = context;
+  const snapshot = useSnapshot(live);
+  const { rules = [], outputs = [], run, figures = [], messenger, health } = snapshot ?? {};
+  const events = live.history.events.slice(0, EVENTS_MAX);
+  const notes = health?.notes ?? [];
+  const bad = notes.filter(({ is_good }) => !is_good);
+  return html`<div class="stack done">
+    <${Rules} rules=${rules} ...${context} />
+    <${Outputs} outputs=${outputs} ...${context} />
+    ${
+      snapshot &&
+      html`<${Fold} name="tools" title="About the picture" said=${snapshot.recording && "recording"}>
+      <${Tools} snapshot=${snapshot} ...${context} /><//>`
+    }
+    ${
+      run?.world &&
+      html`<${Fold} name="room" title="Simulated room" isOpen>
+      <${Room} world=${run.world} ...${context} /><//>`
+    }
+    <${Fold} name="happened" title="Events" said=${events[0] && whatHappened(events[0])}>
+      ${!events.length && html`<p class="quiet">Nothing has happened yet.</p>`}
+      <${Events} events=${events} unit=${unit} />
+      <p><a href="#alarms">All alarms and events</a></p><//>
+    ${
+      figures.length > 0 &&
+      html`<${Fold} name="remembered" title="Remembered" isOpen>
+      <ul class="list small">${figures.map(
+        (each) => html`<li key=${each.name}><strong>${each.name}</strong>${" "}
+        <span class="number">${inUnit(each, unit)}</span> <span class="quiet">${each.words}</span></li>`,
+      )}</ul><//>`
+    }
+    <${Fold} name="health" title="Health" said=${bad.map(({ what }) => what).join(", ") || "good"}>
+      <${Notes} notes=${notes} /><//>
+    ${
+      messenger &&
+      html`<${Fold} name="messages" title="Messages to other programs"
+      said=${messenger.trouble || "connected"}><${Messages} ...${snapshot} /><//>`
+    }
+  </div>`;
+}
+
+const inUnit = ({ value, unit: si }, unit) =>
+  value === null
+    ? "not known"
+    : si === "rad"
+      ? format.bearing(value)
+      : si === "m/s"
+        ? format.speed(value, unit)
+        : format.distance(value, null, unit).text;
+
+/** The distances of the last minutes: the chart of the timeline, which can only be read here. */
+function Chart({ live, unit }) {
+  const [span, choose] = useKept("window", "30");
+  const [words, say] = useState("");
+  const span_s = useRef();
+  span_s.current = Number(span) || 30;
+  const chart = useRef(null);
+  const read = (unix_s) => {
+    const found = unix_s === null ? "" : readAt(chart.current.data, unix_s, unit);
+    const said = found && `${format.since(live.snapshot.unix_s - unix_s)} · ${found}`;
+    say(said);
+    return said;
   };
+  const make = () => {
+    const label = "Distances of the last minutes: arrow keys read them";
+    const drawn = new TimelineChart({ unit, onread: read, label, height: CHART_PX });
+    chart.current = { drawn, data: null };
+    return Object.assign(drawn.element, { takeDown: () => drawn.takeDown() });
+  };
+  const snapshot = useSnapshot(live, CHART_EVERY_MS);
+  useEffect(() => {
+    if (!snapshot || !chart.current) return;
+    const { drawn } = chart.current;
+    const from_s = snapshot.unix_s - span_s.current;
+    const none = {
+      from_s,
+      step_s: span_s.current / CHART_STEPS,
+      count: CHART_STEPS,
+      targets: {},
+      lanes: [],
+      events: [],
+    };
+    const { events, ...data } = dataOf(none, live);
+    chart.current.data = { ...data, lanes: [], clips: [], events: events.filter(({ kind }) => CHARTED.has(kind)) };
+    const limits_m = new Set(snapshot.targets.flatMap(({ thresholds_m }) => thresholds_m));
+    drawn.thresholds = [...limits_m].map((value_m) => ({ rule: "", value_m }));
+    drawn.setView(from_s, snapshot.unix_s);
+    drawn.setData(chart.current.data);
+  }, [snapshot, span]);
+  return html`<section class="panel chart">
+    <div class="row head"><h2>Distance</h2><span class="small number read">${words}</span>
+      <select aria-label="How much of the past" onchange=${(event) => choose(event.target.value)}>
+        ${WINDOWS.map(([value, text]) => html`<option value=${value} selected=${value === span}>${text}</option>`)}
+      </select></div>
+    <${Own} make=${make} />
+  </section>`;
+}
+
+/** Facts, each good or to be looked at. */
+const Notes = ({ notes }) => html`<ul class="list health">
+  ${notes.map(
+    ({ what, words, is_good }) => html`<li key=${what} class="note">
+      <span class=${`mark is-${is_good ? "good" : "warning"}`} title=${is_good ? "good" : "look at this"} />
+      <strong>${what}</strong><span class="number">${words}</span></li>`,
+  )}
+</ul>`;
+
+const MAY = { off: "none is taken", alarms: "alarms, and stopping outputs", all: "all" };
+
+function Messages({ messenger: link, messages, now_s, unix_s }) {
+  const line = ({ topic, payload }, when) => html`<li><span class="quiet number">${when}</span>${" "}
+    <strong>${topic}</strong> <code>${payload}</code></li>`;
+  const ago = ({ at_s }) => `${Math.max(0, now_s - at_s).toFixed(0)} s ago`;
+  const topics = [...link.topics].sort((one, other) => (one.topic < other.topic ? -1 : 1));
+  const notes = [
+    ["broker", `${link.broker} ${link.trouble ? `: ${link.trouble}` : "connected"}`.trim(), !link.trouble],
+    ["base topic", link.base, true],
+    [
+      "not delivered",
+      `${link.undelivered} waiting, ${link.given_up} given up, ${link.dropped} dropped`,
+      !(link.given_up + link.dropped),
+    ],
+    ["commands", link.deafness || `${link.commands}: ${MAY[link.commands]}`, !link.deafness],
+    ["Home Assistant", link.home_assistant ? `discovers it by ${link.home_assistant}` : "is not told of it", true],
+  ];
+  return html`<${Notes} notes=${notes.map(([what, words, is_good]) => ({ what, words, is_good }))} />
+    <details><summary>Topics, each with its newest message</summary>
+      <ul class="list small">${topics.map((each) => line(each, ago(each)))}</ul></details>
+    <details><summary>The newest messages</summary>
+      <ul class="list small">${messages.map((each) => line(each, format.moment(unix_s - now_s + each.at_s)))}</ul>
+    </details>`;
 }

@@ -1,8 +1,8 @@
 // Each output as a meter: what it does, who commands it, and a test that lasts while a button is held.
 
-import { h, keyed, write } from "../../dom.js";
 import * as format from "../../format.js";
 import { holdButton } from "../../hold_button.js";
+import { html, Own, useRef, useState } from "../../ui.js";
 
 const MOVES = [
   ["forwards", 1, 0],
@@ -12,55 +12,34 @@ const MOVES = [
 ];
 const SLOW = { mps: 0.1, radps: 0.3 };
 
-export function outputs(context) {
-  const list = h("ul", { class: "list" });
-  const none = h("p", { class: "quiet", hidden: true }, "No output.");
-  const element = h("section", { class: "panel outputs" }, h("h2", null, "Outputs"), none, list);
-  return {
-    element,
-    update(snapshot) {
-      none.hidden = snapshot.outputs.length > 0;
-      keyed(
-        list,
-        snapshot.outputs,
-        (output) => output.output,
-        (output) => card(output, context),
-      );
-    },
-    takeDown: () => element.querySelectorAll(".hold").forEach((button) => button.takeDown()),
-  };
+export const Outputs = ({ outputs, ...context }) => html`<section class="panel outputs">
+  <h2>Outputs</h2>
+  ${!outputs.length && html`<p class="quiet">No output.</p>`}
+  <ul class="list">
+    ${outputs.map((output) => html`<${Output} key=${output.output} output=${output} ...${context} />`)}
+  </ul>
+</section>`;
+
+function Output({ output, unit, session, api }) {
+  const { output: name, kind, fault } = output;
+  return html`<li class="output">
+    <h3>${name}</h3>
+    ${kind === "level" ? levelMeter(output) : motionMeters(output, unit)}
+    <p class="small quiet">${whoCommands(output, unit)}</p>
+    ${fault && html`<p class="small fault">Out of order: ${fault}</p>`}
+    ${session.right === "operate" && html`<${Test} name=${name} kind=${kind} api=${api} />`}
+  </li>`;
 }
 
-function card({ output: name, kind }, context) {
-  const meters = kind === "level" ? [meter("level", name)] : [meter("speed", name), meter("turn", name)];
-  const who = h("p", { class: "small quiet" });
-  const fault = h("p", { class: "small fault", hidden: true });
-  const element = h(
-    "li",
-    { class: "output" },
-    h("h3", null, name),
-    meters.map((each) => each.element),
-    who,
-    fault,
-    context.session.right === "operate" && test(name, kind, context),
-  );
-  element.update = (output) => {
-    if (kind === "level") meters[0].show(output.level ?? 0, format.level(output.level ?? 0));
-    else {
-      meters[0].show(
-        (output.linear_mps ?? 0) / (output.max_linear_mps || 1),
-        format.speed(output.linear_mps ?? 0, context.unit),
-      );
-      meters[1].show(
-        -(output.angular_radps ?? 0) / (output.max_angular_radps || 1),
-        `${(output.angular_radps ?? 0).toFixed(2)} rad/s`,
-      );
-    }
-    write(who, whoCommands(output, context.unit));
-    write(fault, output.fault ? `Out of order: ${output.fault}` : "");
-    fault.hidden = !output.fault;
-  };
-  return element;
+const levelMeter = ({ output, level }) =>
+  html`<${Meter} name=${`${output}: level`} part=${level ?? 0} words=${format.level(level ?? 0)} />`;
+
+function motionMeters({ output, ...motion }, unit) {
+  const [linear_mps, angular_radps] = [motion.linear_mps ?? 0, motion.angular_radps ?? 0];
+  const [along, round] = [linear_mps / (motion.max_linear_mps || 1), -angular_radps / (motion.max_angular_radps || 1)];
+  return html`
+    <${Meter} name=${`${output}: speed`} isTwoSided part=${along} words=${format.speed(linear_mps, unit)} />
+    <${Meter} name=${`${output}: turn`} isTwoSided part=${round} words=${`${angular_radps.toFixed(2)} rad/s`} />`;
 }
 
 function whoCommands({ winner, losers, reason, held_by }, unit) {
@@ -69,77 +48,48 @@ function whoCommands({ winner, losers, reason, held_by }, unit) {
 }
 
 /** A bar from its left end, or from its middle for what has two directions: right of it is forwards, or right. */
-function meter(what, name) {
-  const bar = h("span", { class: "bar" });
-  const text = h("output", { class: "number" });
-  const element = h(
-    "div",
-    { class: "metered" },
-    h(
-      "div",
-      {
-        class: `meter ${what === "level" ? "" : "two-sided"}`,
-        role: "meter",
-        "aria-label": `${name}: ${what}`,
-        "aria-valuemin": what === "level" ? "0" : "-100",
-        "aria-valuemax": "100",
-      },
-      bar,
-    ),
-    text,
-  );
-  return {
-    element,
-    show(part, words) {
-      const shown = Math.max(-1, Math.min(1, part)) * 100;
-      const [from, width] = what === "level" ? [0, shown] : [shown < 0 ? 50 + shown / 2 : 50, Math.abs(shown) / 2];
-      bar.style.setProperty("left", `${from}%`);
-      bar.style.setProperty("width", `${width}%`);
-      element.firstChild.setAttribute("aria-valuenow", Math.round(shown));
-      element.firstChild.setAttribute("aria-valuetext", words);
-      write(text, words);
-    },
-  };
+function Meter({ name, part, words, isTwoSided = false }) {
+  const shown = Math.max(-1, Math.min(1, part)) * 100;
+  const [left, width] = isTwoSided ? [shown < 0 ? 50 + shown / 2 : 50, Math.abs(shown) / 2] : [0, shown];
+  return html`<div class="metered">
+    <div class=${`meter ${isTwoSided ? "two-sided" : ""}`} role="meter" aria-label=${name} aria-valuetext=${words}
+      aria-valuemin=${isTwoSided ? "-100" : "0"} aria-valuemax="100" aria-valuenow=${Math.round(shown)}>
+      <span class="bar" style=${{ left: `${left}%`, width: `${width}%` }} /></div>
+    <output class="number">${words}</output>
+  </div>`;
 }
 
-function test(name, kind, { api }) {
-  const said = h("p", { class: "small", role: "status" });
+function Test({ name, kind, api }) {
+  const [said, say] = useState("");
+  const level = useRef();
   const path = `outputs/${encodeURIComponent(name)}/hold`;
-  const held = (label, wish) =>
+  const held = (label, wish) => () =>
     holdButton({
       label,
       title: "Held only while you press",
       send: async () => (await api.post(path, { ...wish(), by: localStorage.getItem("name") || "page" }))?.words ?? "",
       release: () => api.post(path, { release: true }, { keepalive: true }),
-      onWords: (words) => write(said, words),
+      onWords: say,
     });
-  let controls;
-  if (kind === "level") {
-    const level = h("input", {
-      type: "range",
-      min: 0,
-      max: 100,
-      value: 50,
-      "aria-label": `${name}: level of the test, in per cent`,
-    });
-    controls = [level, held("Hold to test", () => ({ level: level.value / 100 }))];
-  } else
-    controls = MOVES.map(([label, along, round]) =>
-      held(label, () => ({ linear_mps: along * SLOW.mps, angular_radps: round * SLOW.radps })),
-    );
-  const box = h(
-    "details",
-    { class: "test" },
-    h("summary", null, "Test it"),
-    h(
-      "p",
-      { class: "small quiet" },
-      kind === "level"
+  const isLevel = kind === "level";
+  const move = ([label, along, round]) =>
+    html`<${Own} make=${held(label, () => ({ linear_mps: along * SLOW.mps, angular_radps: round * SLOW.radps }))} />`;
+  const hold = () => ({ level: level.current.value / 100 });
+  return html`<details class="test">
+    <summary>Test it</summary>
+    <p class="small quiet">${
+      isLevel
         ? "It is on only while you hold the button."
-        : "It moves slowly, only while you hold a button. Make room first.",
-    ),
-    h("div", { class: "row" }, controls),
-    said,
-  );
-  return box;
+        : "It moves slowly, only while you hold a button. Make room first."
+    }</p>
+    <div class="row">
+      ${
+        isLevel &&
+        html`<input type="range" min="0" max="100" defaultValue="50" ref=${level}
+        aria-label=${`${name}: level of the test, in per cent`} />`
+      }
+      ${isLevel ? html`<${Own} make=${held("Hold to test", hold)} />` : MOVES.map(move)}
+    </div>
+    <p class="small" role="status">${said}</p>
+  </details>`;
 }

@@ -1,106 +1,157 @@
-// The camera's picture with what was found in it, both of the same moment. An old picture says that it is old.
+// The camera's picture with what was found in it and its distance, all of the same moment. An old one says that it is.
 
-import { h, keyed, write } from "../../dom.js";
 import * as format from "../../format.js";
+import { Badge, Button, html, useKept, useLayoutEffect, useRef, useSnapshot, useState } from "../../ui.js";
 
 const OLD_MS = 800;
 const CHECK_MS = 100;
+const REFUSED_MAX = 9;
 const SERIES = ["#ffe14d", "#5fd3ff", "#ff9bd2", "#9dff8a"]; // on any picture, with a dark rim
+const KINDS = { coasting: "warning", searching: "unknown", lost: "warning" };
+const WORDS = { coasting: "coasting: not seen just now" };
 
-export function picture({ live, unit, api, session, say }) {
-  const canvas = h("canvas", { role: "img", "aria-label": "The camera's picture" });
-  const old = h("p", { class: "old", hidden: true });
-  const caption = h("p", { class: "caption", hidden: true });
-  const refused = h("ol", { class: "refused small", hidden: true });
-  const wanted = h("input", {
-    type: "checkbox",
-    checked: localStorage.getItem("refused") === "yes",
-    onchange: () => {
-      localStorage.setItem("refused", wanted.checked ? "yes" : "no");
-      draw();
-    },
-  });
-  const record = recordButton({ api, session, say });
-  const frame = h("div", { class: "frame" }, canvas, old);
-  const element = h("section", { class: "panel picture", "aria-label": "Camera" }, frame, caption);
-  const tools = h(
-    "section",
-    { class: "panel tools", "aria-label": "About the picture" },
-    h("div", { class: "row" }, h("label", { class: "row check" }, wanted, "Show what was refused"), record?.element),
-    refused,
-  );
-  let shown = null;
+export function Picture(context) {
+  const { live, unit } = context;
+  const [refused] = useKept("refused", "no");
+  const snapshot = useSnapshot(live);
+  return html`<section class="panel picture" aria-label="Camera">
+    <${Frame} live=${live} unit=${unit} withRefused=${refused === "yes"} />
+    ${snapshot?.narration && html`<p class="caption">${format.words(snapshot.narration, unit)}</p>`}
+  </section>`;
+}
 
-  // The bitmap is good until the next message: what has to be drawn again between two is kept in a canvas of its own.
-  const kept = document.createElement("canvas");
-  const draw = () => shown && drawAll(canvas, kept, shown, unit, wanted.checked);
-  const watch = new ResizeObserver(draw);
-  watch.observe(frame);
-
-  const stopMarking = markAge(live, frame, old, () => shown !== null);
-
-  return {
-    element,
-    tools: { element: tools },
-    update(snapshot, bitmap) {
-      record?.update(snapshot.recording);
-      write(caption, snapshot.narration ? format.words(snapshot.narration, unit) : "");
-      caption.hidden = !snapshot.narration;
-      if (!snapshot.frame || !bitmap) return;
-      kept.width = bitmap.width;
-      kept.height = bitmap.height;
-      kept.getContext("2d").drawImage(bitmap, 0, 0);
-      shown = snapshot;
-      frame.style.setProperty("aspect-ratio", `${snapshot.frame.width_px} / ${snapshot.frame.height_px}`);
-      draw();
-      canvas.dataset.captured = snapshot.frame.captured_unix_s;
-      canvas.dataset.drawn = (performance.timeOrigin + performance.now()) / 1000;
-      listRefused(refused, snapshot, wanted.checked, unit);
-    },
-    takeDown() {
-      stopMarking();
-      watch.disconnect();
-    },
+/** What there is to do about the picture: record it, choose the colour of a ball, and see what was refused. */
+export function Tools({ snapshot, ...context }) {
+  const { unit, session } = context;
+  const [refused, keep] = useKept("refused", "no");
+  const isWanted = refused === "yes";
+  const canOperate = session.right === "operate";
+  const colours = Object.entries((canOperate && snapshot.run?.colours) || {});
+  const open = async (table) => (await import("./colour.js")).openColour(table, context);
+  const colour = ([name, table]) => {
+    const words = colours.length > 1 ? `Colour of ${name} …` : "Colour …";
+    return html`<${Button} key=${name} onclick=${() => open(table)}>${words}<//>`;
   };
+  return html`<div class="row">
+      ${canOperate && html`<${Record} recording=${snapshot.recording} ...${context} />`}
+      ${colours.map(colour)}
+      <label class="row check"><input type="checkbox" checked=${isWanted}
+        onchange=${(event) => keep(event.target.checked ? "yes" : "no")} />Show what was refused</label>
+    </div>
+    ${isWanted && html`<${Refused} found=${numbered(snapshot)} unit=${unit} />`}`;
 }
 
-/** Mark the picture while it is old, or there is none yet. */
-function markAge(live, frame, old, hasPicture) {
-  const timer = setInterval(() => {
-    const age = live.ageMs() ?? 0;
-    const isOld = !hasPicture() || age > OLD_MS || live.state.status !== "live";
-    if (old.hidden === isOld) old.hidden = !isOld;
-    frame.classList.toggle("is-old", isOld);
-    if (isOld) write(old, hasPicture() ? `Old picture: ${format.since(age / 1000)}` : "No picture yet");
-  }, CHECK_MS);
-  return () => clearInterval(timer);
+export function Frame({ live, unit, withRefused }) {
+  const [frame, canvas] = [useRef(), useRef()];
+  const shown = useRef({ snapshot: null, bitmap: null });
+  const [age, setAge] = useState("No picture yet");
+  shown.current.withRefused = withRefused;
+  useLayoutEffect(() => {
+    const draw = () => drawAll(canvas.current, shown.current);
+    const leave = live.subscribe((snapshot, bitmap) => {
+      if (!snapshot.frame || !bitmap) return;
+      const { width_px, height_px, captured_unix_s } = snapshot.frame;
+      Object.assign(shown.current, { snapshot, bitmap }); // the bitmap is good until the next one
+      frame.current.style.setProperty("--shape", `${width_px} / ${height_px}`);
+      draw();
+      canvas.current.dataset.captured = captured_unix_s;
+      canvas.current.dataset.drawn = (performance.timeOrigin + performance.now()) / 1000;
+    });
+    const check = () => {
+      const age_ms = live.ageMs() ?? 0;
+      const isOld = age_ms > OLD_MS || live.state.status !== "live";
+      setAge(!shown.current.snapshot ? "No picture yet" : isOld ? `Old picture: ${format.since(age_ms / 1000)}` : "");
+    };
+    const timer = setInterval(check, CHECK_MS);
+    const watch = new ResizeObserver(draw);
+    watch.observe(frame.current);
+    return () => (leave(), clearInterval(timer), watch.disconnect());
+  }, [live]);
+  return html`<div class=${`frame ${age && "is-old"}`} ref=${frame}>
+    <canvas role="img" aria-label="The camera's picture" ref=${canvas} />
+    <p class="old" hidden=${!age}>${age}</p>
+    <${Figures} live=${live} unit=${unit} />
+  </div>`;
 }
 
-function drawAll(canvas, kept, snapshot, unit, withRefused) {
+/** Each target's distance as a large number on the picture, with its ±, and how it moves. */
+function Figures({ live, unit }) {
+  const snapshot = useSnapshot(live, 100);
+  const steady = useRef(null);
+  steady.current ??= format.steadyDistances();
+  const targets = snapshot?.targets ?? [];
+  return html`<div class=${`figures ${targets.length > 2 ? "many" : ""}`}>
+    ${targets.map((target) => html`<${Figure} key=${target.name} ...${target} unit=${unit} steady=${steady.current} />`)}
+  </div>`;
+}
+
+function Figure({ unit, steady, ...target }) {
+  const { name, status, is_valid, distance_m, sigma_m, reason, detection } = target;
+  const { value, sigma } = is_valid ? steady(name, distance_m, sigma_m, unit) : format.distance(null);
+  const moves = [
+    format.bearing(target.bearing_rad),
+    format.closing(target.closing_mps, target.closing_sigma_mps, unit),
+    format.tilt(target.tilt_rad),
+  ];
+  return html`<div class=${`target ${is_valid ? "" : "is-unknown"}`}>
+    <div class="row"><h2>${name}</h2>
+      ${status !== "tracking" && html`<${Badge} kind=${KINDS[status] ?? "quiet"}>${WORDS[status] ?? status}<//>`}</div>
+    <p class="figure number"><span class="value">${value}</span>${" "}<span class="unit">${is_valid && unit.symbol}</span>${" "}<span class="about">${sigma && `± ${sigma}`}</span></p>
+    <p class="moves small">${is_valid ? moves.filter(Boolean).join(" · ") : "no distance that may be acted on"}</p>
+    ${(reason || detection?.reason) && html`<p class="small">${format.words(reason || detection.reason, unit)}</p>`}
+  </div>`;
+}
+
+function Refused({ found, unit }) {
+  const words = ({ target, size_px, reason }) =>
+    `no ${target} (${Math.round(size_px)} px): ${format.words(reason, unit)}`;
+  return html`<ol class="refused small">
+    ${found.map((each, at) => html`<li>${at + 1}  ${words(each)}</li>`)}
+    ${!found.length && html`<li>Nothing was refused in this picture.</li>`}
+  </ol>`;
+}
+
+function Record({ recording, api, say }) {
+  const press = async () => {
+    const wish = recording ? "stop" : "start"; // the run may say that it has stopped before it answers
+    try {
+      const answer = await api.post("recordings", { do: wish });
+      if (wish === "stop") say(`Recorded: ${answer?.file ?? ""}`);
+    } catch (error) {
+      say(error.message, "error");
+    }
+  };
+  const words = recording && `Stop recording, ${format.span(recording.seconds)}, ${format.size(recording.bytes)}`;
+  return html`<${Button} kind=${`record ${recording ? "is-on" : ""}`} onclick=${press}>${words || "Record"}<//>`;
+}
+
+const numbered = ({ targets }) =>
+  targets.flatMap(({ name, rejected }) => rejected.map((each) => ({ ...each, target: name }))).slice(0, REFUSED_MAX);
+
+function drawAll(canvas, { snapshot, bitmap, withRefused }) {
   const sharp = window.devicePixelRatio || 1;
   const width = Math.round(canvas.clientWidth * sharp);
-  if (!width) return;
+  if (!width || !bitmap?.width) return;
   const scale = width / snapshot.frame.width_px;
-  canvas.width = width;
-  canvas.height = Math.round(snapshot.frame.height_px * scale);
+  const height = Math.round(snapshot.frame.height_px * scale);
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
   const ink = canvas.getContext("2d");
-  ink.drawImage(kept, 0, 0, canvas.width, canvas.height);
+  ink.drawImage(bitmap, 0, 0, width, height);
   ink.font = `600 ${15 * sharp}px system-ui, sans-serif`;
   ink.lineJoin = "round";
-  if (withRefused) numbered(snapshot).forEach((each, index) => drawRefused(ink, each, index + 1, scale, sharp));
-  snapshot.targets.forEach(
-    (target, index) =>
-      target.detection &&
-      target.detection.status !== "not_found" &&
-      drawTarget(ink, target, SERIES[index % SERIES.length], { scale, sharp, unit }),
-  );
+  if (withRefused) numbered(snapshot).forEach((each, at) => drawRefused(ink, each, at + 1, scale, sharp));
+  snapshot.targets.forEach((target, at) => {
+    if (target.detection && target.detection.status !== "not_found")
+      drawTarget(ink, target, SERIES[at % SERIES.length], scale, sharp);
+  });
 }
 
-function drawTarget(ink, { name, detection, distance_m, sigma_m, is_valid }, colour, { scale, sharp, unit }) {
+/** Its outline and its centre, and its name: its distance stands in the corner. */
+function drawTarget(ink, { name, detection, is_valid }, colour, scale, sharp) {
   const outline = detection.outline_px.map(([x, y]) => [(x + 0.5) * scale, (y + 0.5) * scale]);
   const [x, y] = detection.centre_px.map((each) => (each + 0.5) * scale);
   const path = new Path2D();
-  outline.forEach(([px, py], index) => (index ? path.lineTo(px, py) : path.moveTo(px, py)));
+  outline.forEach(([px, py], at) => (at ? path.lineTo(px, py) : path.moveTo(px, py)));
   if (outline.length) path.closePath();
   for (const [dx, dy] of [
     [7, 0],
@@ -111,17 +162,14 @@ function drawTarget(ink, { name, detection, distance_m, sigma_m, is_valid }, col
   }
   rimmed(ink, path, colour, sharp, detection.status === "truncated");
   const right = Math.max(x, ...outline.map(([px]) => px)) + 10 * sharp;
-  const words = `${name} ${is_valid ? format.distance(distance_m, sigma_m, unit).text : "not sure"}`;
-  label(ink, words, right, y, colour, sharp);
+  label(ink, is_valid ? name : `${name} not sure`, right, y, colour, sharp);
 }
 
 function drawRefused(ink, { centre_px, corners_px, size_px }, number, scale, sharp) {
   const [x, y] = centre_px.map((each) => (each + 0.5) * scale);
   const path = new Path2D();
   if (corners_px?.length) {
-    corners_px.forEach(([px, py], index) =>
-      index ? path.lineTo(px * scale, py * scale) : path.moveTo(px * scale, py * scale),
-    );
+    corners_px.forEach(([px, py], at) => (at ? path.lineTo : path.moveTo).call(path, px * scale, py * scale));
     path.closePath();
   } else path.arc(x, y, Math.max(6 * sharp, (size_px / 2) * scale), 0, 2 * Math.PI);
   rimmed(ink, path, "#fff", sharp, true);
@@ -153,62 +201,4 @@ function label(ink, words, x, y, colour, sharp) {
   ink.fillStyle = colour;
   ink.textBaseline = "middle";
   ink.fillText(words, left + 6 * sharp, top + height / 2 + sharp);
-}
-
-const numbered = (snapshot) =>
-  snapshot.targets.flatMap((target) => target.rejected.map((each) => ({ ...each, target: target.name }))).slice(0, 9);
-
-function listRefused(list, snapshot, isWanted, unit) {
-  const refused = isWanted ? numbered(snapshot) : [];
-  list.hidden = !isWanted;
-  if (isWanted && !refused.length) refused.push({ reason: "" });
-  keyed(
-    list,
-    refused.map((each, index) => ({ ...each, index })),
-    (each) => each.index,
-    () => {
-      const item = h("li");
-      item.update = ({ index, target, size_px, reason }) =>
-        write(
-          item,
-          !target
-            ? "Nothing was refused in this picture."
-            : `${index + 1}  no ${target} (${Math.round(size_px)} px): ${format.words(reason, unit)}`,
-        );
-      return item;
-    },
-  );
-}
-
-function recordButton({ api, session, say }) {
-  if (session.right !== "operate") return null;
-  let isRecording = false;
-  const element = h(
-    "button",
-    {
-      type: "button",
-      class: "button record",
-      onclick: async () => {
-        const wish = isRecording ? "stop" : "start"; // the run may say that it has stopped before it answers
-        try {
-          const answer = await api.post("recordings", { do: wish });
-          if (wish === "stop") say(`Recorded: ${answer?.file ?? ""}`);
-        } catch (error) {
-          say(error.message, "error");
-        }
-      },
-    },
-    "Record",
-  );
-  return {
-    element,
-    update(recording) {
-      isRecording = Boolean(recording);
-      element.classList.toggle("is-on", isRecording);
-      write(
-        element,
-        recording ? `Stop recording, ${format.span(recording.seconds)}, ${format.size(recording.bytes)}` : "Record",
-      );
-    },
-  };
 }

@@ -1,6 +1,7 @@
 // The chart of the timeline, by uPlot: distances with their bands, thresholds, events and clips; below, a lane a rule.
 
 import { h } from "../../dom.js";
+import { lookOf } from "../../states.js";
 import uPlot from "../../vendor/uplot/uPlot.js";
 
 const LANE = 30; // px: a name, and its bar below
@@ -12,21 +13,14 @@ const SPAN_MIN_S = 10;
 const SPAN_MAX_S = 32 * 86400;
 const ZOOM = 1.25;
 const TAP_PX = 6; // a pointer that moves less selects
-const LOOKS = {
-  active: "alarm",
-  latched: "alarm",
-  clearing: "warn",
-  pending: "warn",
-  returned: "warn",
-  unknown: "unknown",
-  idle: "line",
-};
+const COLOURS = { good: "good", alarm: "alarm", warning: "warn", unknown: "unknown", quiet: "line" };
 const BAD = new Set(["raised", "fault", "target_lost", "stopped", "disarmed", "measurement_lost"]);
 
 /**
  * `setData({times, targets, lanes, events, clips})` draws: `times` in seconds since 1970, ascending; `targets` by name
  * `{mean_m, sigma_m, low_m, high_m}` with a figure or null for each time; `lanes` `[{rule, spans: [[from_s, to_s,
  * state]]}]`; `events` `[{unix_s, kind, severity, source}]`; `clips` `[{name, from_s, to_s}]`.
+ * `rules` are those of the run's snapshot, by name: a lane has the colour that the state of its rule has on every view.
  * `thresholds` is a list of `{rule, target, key, value_m}` to be changed in place or replaced; `redraw()` shows it.
  * `overlays` is a set of `draw({ink, x, y, laneOf, lane, colour})`, called last: `x(unix_s)`, `y(metres)` and
  * `laneOf(rule)` (the upper edge of its bar, or undefined) are in pixels of the canvas, `lane` is a bar's height there.
@@ -36,10 +30,12 @@ const BAD = new Set(["raised", "fault", "target_lost", "stopped", "disarmed", "m
  */
 export class TimelineChart {
   thresholds = [];
+  rules = new Map();
   overlays = new Set();
   #data = { times: [], targets: {}, lanes: [], events: [], clips: [] };
   #pointers = new Map();
   #moved = 0;
+  #isTaken = false;
   #drawn = 0;
 
   constructor({ unit, onread, onview = null, onselect = null, label = LABEL, height = PLOT }) {
@@ -132,6 +128,8 @@ export class TimelineChart {
     for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) {
       this.area.addEventListener(kind, (event) => this.#pointer(event));
     }
+    // A finger that drags something on the chart does not scroll the page: pointerdown, which says so, comes first.
+    this.area.addEventListener("touchstart", (event) => this.#isTaken && event.preventDefault(), { passive: false });
     this.area.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
   }
 
@@ -200,7 +198,7 @@ export class TimelineChart {
       for (const [from_s, to_s, state] of spans) {
         const height = (state === "idle" ? 2 : 12) * sharp;
         if (to_s > this.from_s && from_s < this.to_s)
-          bar(from_s, to_s, top + 27 * sharp - height, height, colour(LOOKS[state] ?? "line"));
+          bar(from_s, to_s, top + 27 * sharp - height, height, colour(this.#look(rule, state)));
       }
     });
     if (this.at_s !== null) bar(this.at_s, this.at_s, 0, ink.canvas.height, colour("ink"));
@@ -208,6 +206,11 @@ export class TimelineChart {
     for (const draw of this.overlays) draw({ ink, x, y, laneOf: (rule) => rules.get(rule), lane: 12 * sharp, colour });
     ink.restore();
     Object.assign(this.element.dataset, { drawn: ++this.#drawn, from: this.from_s, to: this.to_s });
+  }
+
+  #look(rule, status) {
+    const { is_alarm = true, severity = "info" } = this.rules.get(rule) ?? {};
+    return COLOURS[lookOf({ status, is_alarm, severity, inhibits: [], acknowledged: true })];
   }
 
   #drawThresholds(ink, y, sharp) {
@@ -276,6 +279,7 @@ export class TimelineChart {
   #pointer(event) {
     const { type, pointerId, clientX } = event;
     const before = [...this.#pointers.values()];
+    if (type === "pointerdown") this.#isTaken = event.defaultPrevented;
     if (event.defaultPrevented) return;
     if (type === "pointerdown") {
       if (event.button) return;

@@ -1,6 +1,7 @@
 // The timeline: hours of distances, states of rules, events and clips; a click says what there is to know of a moment.
 
-import { h, replace, write } from "../../dom.js";
+import { button, h, replace, write } from "../../dom.js";
+import { latest } from "../../latest.js";
 import { describe } from "../replay.js";
 import { TimelineChart } from "./chart.js";
 import { dataOf, noteStates, readAt } from "./data.js";
@@ -13,6 +14,7 @@ const SPANS = [
   [86400, "24 h"],
   [604800, "7 days"],
 ];
+const DAY_S = 86400;
 const POINTS_MAX = 1600;
 const MARGIN = 0.5; // as much of the view is loaded beside it, so that scrolling shows something at once
 const FOLLOW_MS = 1000;
@@ -39,9 +41,8 @@ export function mount(root, context) {
 }
 
 class Timeline {
-  #wish = null;
-  #isAsking = false;
   #answer = null;
+  #digest = null; // of the configuration that the run goes by
   #marks = { clips: [], thresholds: [] };
   #states = new Map(); // of the rules, since this view was opened
   #last_ms = 0;
@@ -54,12 +55,10 @@ class Timeline {
       onselect: (unix_s) => this.#explain(unix_s),
       onread: (unix_s) => this.#read(unix_s),
     });
-    this.read = h("p", { class: "small number read", role: "status" });
+    this.read = h("p", { class: "small number read" });
     this.moment = h("section", { class: "panel stack moment-told", "aria-label": "The moment", hidden: true });
-    const button = (words, label, onclick) =>
-      h("button", { type: "button", class: "button", "aria-label": label, onclick }, words);
-    const now = () => Date.now() / 1000;
-    this.spans = SPANS.map(([span_s, words]) => button(words, `Show ${words}`, () => this.show(now() - span_s, now())));
+    const named = (words, label, onclick) => button(words, onclick, "", { "aria-label": label });
+    this.spans = SPANS.map(([span_s, words]) => named(words, `Show ${words}`, () => this.showLast(span_s)));
     this.element = h(
       "div",
       { class: "stack timeline" },
@@ -72,11 +71,11 @@ class Timeline {
         h(
           "div",
           { class: "row" },
-          button("−", "Zoom out", () => this.chart.zoom(2)),
-          button("+", "Zoom in", () => this.chart.zoom(0.5)),
-          button("◀", "Earlier", () => this.chart.scroll(-0.5)),
-          button("▶", "Later", () => this.chart.scroll(0.5)),
-          button("Now", "To now", () => this.show(now() - (this.chart.to_s - this.chart.from_s), now())),
+          named("−", "Zoom out", () => this.chart.zoom(2)),
+          named("+", "Zoom in", () => this.chart.zoom(0.5)),
+          named("◀", "Earlier", () => this.chart.scroll(-0.5)),
+          named("▶", "Later", () => this.chart.scroll(0.5)),
+          named("Now", "To now", () => this.showLast(this.chart.to_s - this.chart.from_s)),
         ),
       ),
       this.moment,
@@ -85,21 +84,27 @@ class Timeline {
     if (this.teaching) this.element.append(this.teaching.element);
   }
 
-  begin() {
-    const now = Date.now() / 1000;
-    this.show(now - 86400, now);
-    this.timer = setInterval(() => this.#load(), RELOAD_MS);
+  /** Open with all that is kept, or less where the past is shorter than a day. */
+  async begin() {
+    this.timer = setInterval(() => this.load(), RELOAD_MS);
+    await this.showLast(DAY_S);
+    const since_s = Date.now() / 1000 - beginOf(this.#answer ?? {});
+    const [span_s] = SPANS.find(([each]) => each >= since_s) ?? [DAY_S];
+    const isUntouched = this.follows && Math.abs(this.chart.to_s - this.chart.from_s - DAY_S) < 1;
+    if (span_s < DAY_S && isUntouched) this.showLast(span_s);
   }
 
   takeDown() {
     clearInterval(this.timer);
     clearTimeout(this.quiet);
+    this.load.end();
     this.chart.takeDown();
   }
 
-  show(from_s, to_s) {
-    this.chart.setView(from_s, to_s);
-    this.#seen(to_s);
+  showLast(span_s) {
+    const now_s = Date.now() / 1000;
+    this.chart.setView(now_s - span_s, now_s);
+    return this.#seen(now_s);
   }
 
   /** Live values go on at the right edge, which moves with them while it is in sight. */
@@ -107,6 +112,8 @@ class Timeline {
     if (performance.now() - this.#last_ms < FOLLOW_MS) return;
     this.#last_ms = performance.now();
     noteStates(this.#states, snapshot);
+    this.chart.rules = new Map(snapshot.rules.map((rule) => [rule.rule, rule]));
+    if (this.#digest !== (this.#digest = snapshot.run?.digest)) this.loadMarks(); // its thresholds may be others
     if (this.follows && snapshot.unix_s > this.chart.to_s) {
       this.chart.setView(this.chart.from_s + snapshot.unix_s - this.chart.to_s, snapshot.unix_s);
     }
@@ -115,7 +122,10 @@ class Timeline {
 
   #seen(to_s) {
     this.follows = to_s >= Date.now() / 1000 - 2;
-    this.#load();
+    const span_s = this.chart.to_s - this.chart.from_s;
+    for (const [at, [each_s]] of SPANS.entries())
+      this.spans[at].setAttribute("aria-pressed", String(this.follows && Math.abs(span_s - each_s) < 0.01 * each_s));
+    return this.load();
   }
 
   #draw() {
@@ -123,29 +133,23 @@ class Timeline {
     this.chart.setData({ ...dataOf(this.#answer, this.live, this.#states), clips: this.#marks.clips });
   }
 
-  /** Ask for what is in view; while an answer is on its way, only the newest wish is kept. */
-  async #load() {
-    const span_s = this.chart.to_s - this.chart.from_s;
-    const points = Math.round(Math.min(POINTS_MAX, (this.chart.element.clientWidth || 1000) * (1 + 2 * MARGIN)));
-    const [from_s, to_s] = [Math.max(0, this.chart.from_s - MARGIN * span_s), this.chart.to_s + MARGIN * span_s];
-    this.#wish = `from=${from_s}&to=${to_s}&points=${points}`;
-    if (this.#isAsking) return;
-    this.#isAsking = true;
+  /** Ask for what is in view, and something beside it. */
+  load = latest(async (signal) => {
+    const { from_s, to_s, element } = this.chart;
+    const beside_s = MARGIN * (to_s - from_s);
+    const points = Math.round(Math.min(POINTS_MAX, (element.clientWidth || 1000) * (1 + 2 * MARGIN)));
+    const query = new URLSearchParams({ from: Math.max(0, from_s - beside_s), to: to_s + beside_s, points });
     try {
-      for (let asked = null; asked !== this.#wish; ) {
-        asked = this.#wish;
-        this.#answer = await this.api.get(`timeline?${asked}`);
-        this.chart.element.dataset.step = this.#answer.step_s;
-        this.#draw();
-      }
+      this.#answer = await this.api.get(`timeline?${query}`, { signal });
+      element.dataset.step = this.#answer.step_s;
+      this.#draw();
     } catch (error) {
-      this.say(error.message, "error");
+      if (!signal.aborted) this.say(error.message, "error");
     }
-    this.#isAsking = false;
     if (!this.#answer?.is_kept) write(this.read, NOT_KEPT);
     clearTimeout(this.quiet);
-    this.quiet = setTimeout(() => this.loadMarks(), QUIET_MS);
-  }
+    if (!signal.aborted) this.quiet = setTimeout(() => this.loadMarks(), QUIET_MS);
+  });
 
   /** Clips and thresholds, once the view has come to rest: the server answers one question after the other. */
   async loadMarks() {
@@ -169,7 +173,7 @@ class Timeline {
       "div",
       { class: "row" },
       h("h2", { class: "grow" }, "The moment"),
-      h("button", { type: "button", class: "button", onclick: () => (this.moment.hidden = true) }, "Close"),
+      button("Close", () => (this.moment.hidden = true)),
     );
     this.moment.hidden = false;
     replace(this.moment, head, this.teaching?.buttons(unix_s), h("p", { class: "quiet" }, "One moment …"));
@@ -189,4 +193,15 @@ class Timeline {
     );
     replace(this.moment, head, this.teaching?.buttons(unix_s, known), told);
   }
+}
+
+/** When the first of what is kept was: a distance, a state or an event. */
+function beginOf({ from_s = 0, step_s, targets = {}, lanes = [], events = [] }) {
+  const firsts = Object.values(targets).map(({ mean_m }) => mean_m.findIndex((each) => each !== null));
+  return Math.min(
+    Date.now() / 1000,
+    ...firsts.filter((at) => at >= 0).map((at) => from_s + at * step_s),
+    ...lanes.flatMap(({ spans }) => spans.map(([begin_s]) => begin_s)),
+    ...events.map(({ unix_s }) => unix_s),
+  );
 }
