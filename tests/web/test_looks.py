@@ -19,6 +19,10 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         yield serving
 
 
+def unfold(page: Any) -> None:
+    page.evaluate("document.querySelectorAll('details:not([open]) > summary').forEach((each) => each.click())")
+
+
 def opened(page: Any, here: Served, view: str) -> None:
     page.goto(f"{here.url}/#{view}")
     page.get_by_text("live", exact=True).wait_for()
@@ -33,11 +37,9 @@ def opened(page: Any, here: Served, view: str) -> None:
         page.get_by_role("region", name="What if").wait_for()  # it comes with the thresholds, a moment later
     if view == "live":
         page.locator("canvas[data-drawn]").wait_for()
-        for each in page.locator(".fold > details:not([open]) > summary").all():
-            each.click()
+        unfold(page)
         page.get_by_text("Show what was refused").click()
-        for each in page.locator("details:not([open]) > summary:visible").all():
-            each.click()
+        unfold(page)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

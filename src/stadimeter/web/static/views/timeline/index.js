@@ -113,7 +113,9 @@ class Timeline {
     this.#last_ms = performance.now();
     noteStates(this.#states, snapshot);
     this.chart.rules = new Map(snapshot.rules.map((rule) => [rule.rule, rule]));
-    if (this.#digest !== (this.#digest = snapshot.run?.digest)) this.loadMarks(); // its thresholds may be others
+    const { digest } = snapshot.run ?? {};
+    if (this.#digest && digest !== this.#digest) this.loadMarks(); // its thresholds may be others
+    this.#digest = digest;
     if (this.follows && snapshot.unix_s > this.chart.to_s) {
       this.chart.setView(this.chart.from_s + snapshot.unix_s - this.chart.to_s, snapshot.unix_s);
     }
