@@ -137,7 +137,13 @@ def test_a_choice_has_what_each_of_its_options_leaves_open_and_the_room_says_whe
     blanks = {option["answer"]: option["blanks"] for option in state["question"]["options"]}
     assert [(each["key"], each["ready"]) for each in blanks["far"]] == [("far_from", "2 m"), ("far_to", "4 m")]
     calibrated("answer", answer="far")
+    calibrated("answer", answer="1 m")
     assert calibrated.question() == "blank"
+    calibrated("back")
+    again = calibrated("back")
+    assert again["question"]["ready"] == "far"
+    (far,) = [option["blanks"] for option in again["question"]["options"] if option["answer"] == "far"]
+    assert [each["ready"] for each in far] == ["1 m", "4 m"], "what was given is ready when it is asked again"
 
 
 @pytest.mark.long

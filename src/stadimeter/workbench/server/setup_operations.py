@@ -101,7 +101,7 @@ class SetupDesk:
                 {"key": key, "answer": answer, "notes": list(self._notes.get(key, ()))}
                 for key, answer in answers.items()
             ],
-            "question": _as_json(interview.known, question) if interview and question else None,
+            "question": _as_json(interview, question) if interview and question else None,
             "room": self.camera.room.where() if self.camera.room else None,
             "doubt": {"notes": list(self._doubt)} if self._doubt else None,
             "trouble": self._trouble,
@@ -208,16 +208,19 @@ _OPENED_BY: Mapping[str, Callable[[Mapping[str, str]], Iterable[SetupStep]]] = {
 }
 
 
-def _as_json(known: Known, question: Question) -> dict[str, Any]:
+def _as_json(interview: Interview, question: Question) -> dict[str, Any]:
     """Return a question as JSON has it, with the blanks of each of its options."""
-    options = []
+    known, options = interview.known, []
     for option in question.options:
         chosen = replace(known, answers={**known.answers, question.key: option.answer})
-        blanks = [
-            {**plain(step.question(chosen)), "key": step.key, "text": step.blank.text}
-            for step in (_OPENED_BY[question.key](chosen.answers) if question.key in _OPENED_BY else ())
-            if isinstance(step, KindStep | BlankStep)
-        ]
+        is_again = option.answer in interview.earlier.get(question.key, "").split()
+        kept = interview.earlier if is_again else {}
+        blanks = []
+        for step in _OPENED_BY[question.key](chosen.answers) if question.key in _OPENED_BY else ():
+            if isinstance(step, KindStep | BlankStep):
+                asked = step.question(chosen)
+                ready = kept.get(step.key, asked.ready)
+                blanks.append({**plain(asked), "key": step.key, "text": step.blank.text, "ready": ready})
         options.append({**option._asdict(), "blanks": blanks})
     return {**plain(question), "found": list(question.found), "options": options}
 

@@ -36,9 +36,12 @@ _CHANGES_ALL = frozenset({CameraStep.key, TargetStep.key})
 class Interview:
     """Asks one question after the other. Each answer is saved as soon as it is accepted.
 
+    Attributes:
+        known: What it knows.
+        earlier: Answers of an earlier interview, or that were taken back; they are ready in this one.
+
     Args:
         folder: Where the files will be.
-        earlier: Answers of an earlier interview, which are ready in this one.
         known: What it knows, with another way to open cameras; None for nothing yet.
 
     Raises:
@@ -48,7 +51,7 @@ class Interview:
     def __init__(self, folder: Path, earlier: Mapping[str, str] | None = None, known: Known | None = None) -> None:
         self.known = known or Known(folder=folder)
         self.known.make_folder()
-        self._earlier = dict(earlier or {})
+        self.earlier = dict(earlier or {})
         self._doubted: dict[str, str] = {}
         self._asked: dict[str, Question] = {}
 
@@ -75,8 +78,8 @@ class Interview:
         if step.key not in self._asked:  # finding out what to ask may take seconds
             self._asked = {step.key: step.question(self.known)}
         asked = self._asked[step.key]
-        ready = self._doubted.get(step.key) or self._earlier.get(step.key) or asked.ready
-        is_sure = asked.is_sure and step.key not in {*self._doubted, *self._earlier}
+        ready = self._doubted.get(step.key) or self.earlier.get(step.key) or asked.ready
+        is_sure = asked.is_sure and step.key not in {*self._doubted, *self.earlier}
         return replace(asked, key=step.key, ready=ready, kind=step.kind or step.key, is_sure=is_sure)
 
     def answer(self, text: str, *, confirm: bool = True) -> Accepted:
@@ -108,8 +111,8 @@ class Interview:
         if confirm and accepted.doubt and self._doubted.get(step.key) != accepted.answer:
             self._doubted[step.key] = accepted.answer
             return accepted
-        if step.key in _CHANGES_ALL and self._earlier.get(step.key) != accepted.answer:
-            self._earlier.clear()  # the size of a ball is none of a sheet
+        if step.key in _CHANGES_ALL and self.earlier.get(step.key) != accepted.answer:
+            self.earlier.clear()  # the size of a ball is none of a sheet
         self.known.answers[step.key] = accepted.answer
         self._asked.clear()
         return replace(accepted, doubt=False)
@@ -123,7 +126,7 @@ class Interview:
             try:
                 yield step.key, self._accepted(saved[step.key], confirm=False)
             except StadimeterError:
-                self._earlier = {**self._earlier, **saved}
+                self.earlier = {**self.earlier, **saved}
                 return
 
     def back(self) -> bool:
@@ -131,7 +134,7 @@ class Interview:
         if not self.known.answers:
             return False
         key, answer = self.known.answers.popitem()
-        self._earlier[key] = answer
+        self.earlier[key] = answer
         self._doubted.pop(key, None)
         self._asked.clear()
         save_answers(self.path, self.known.answers)

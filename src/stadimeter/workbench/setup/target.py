@@ -62,7 +62,8 @@ def _kinds(drivers: tuple[str, ...]) -> Mapping[str, Recipe]:
         for key, kind in known.items()
         if kind.driver in models
     }
-    for driver in models.keys() - {kind.driver for kind in known.values()}:
+    others = [each for each in models if each not in {kind.driver for kind in known.values()}]
+    for driver in (each for each in others if not models[each].needs_world):
         blanks = tuple(driver_blanks(models[driver]))
         table = "\n".join(f"{{{blank.key}}}" for blank in blanks)
         title = models[driver].title or driver

@@ -1,4 +1,4 @@
-"""Trying the rules before the setup is complete: on the camera's picture, and on a simulated target."""
+"""Pictures for a page: the target looked for in one, before the answers are complete, drawn and described."""
 
 from __future__ import annotations
 

@@ -31,6 +31,7 @@ class SetUp {
   #undo = [];
   #drawn = 0;
   #isBusy = false;
+  #more = {}; // what was given for blanks whose turn has not come: one before them may be in doubt
 
   constructor(root, context) {
     this.#root = root;
@@ -67,14 +68,17 @@ class SetUp {
   /** Answer the question, and those that follow as far as `more` has their answers by key; show the state that
    *  follows. Throws what is wrong with an answer. */
   answer(text, more = {}) {
+    Object.assign(this.#more, more);
     return this.#alone(async () => {
       const asked = this.state.question.key;
       if (!(await this.#sync())) return;
       let state = await this.api.post("setup/answer", { answer: text, question: asked, confirm: true });
       try {
-        while (!state.doubt && state.question?.key !== asked && state.question?.key in more) {
+        while (!state.doubt && state.question?.key !== asked && state.question?.key in this.#more) {
           const { key } = state.question;
-          state = await this.api.post("setup/answer", { answer: more[key], question: key, confirm: true });
+          const given = this.#more[key];
+          delete this.#more[key];
+          state = await this.api.post("setup/answer", { answer: given, question: key, confirm: true });
         }
       } catch (error) {
         this.context.say(error.message, "error");
@@ -85,6 +89,7 @@ class SetUp {
 
   /** Take back the last answers, as many as are told. */
   async back(count = 1) {
+    this.#more = {};
     try {
       await this.#alone(async () => {
         if (!(await this.#sync())) return;
