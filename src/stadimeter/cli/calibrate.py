@@ -16,12 +16,13 @@ import typer
 from msgspec.structs import replace
 
 from stadimeter.app.detectors import build_detectors
-from stadimeter.cli.calibrate_board import ToneCurveOption, board, stereo
+from stadimeter.cli.calibrate_board import board, stereo
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, read_option, say_note
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit, format_distance
 from stadimeter.cli.target_options import (
     GivenTarget,
     LiveOption,
+    Option,
     WantedTargets,
     ask_until,
     check_one_source,
@@ -29,7 +30,7 @@ from stadimeter.cli.target_options import (
     live_camera,
     parse_known_length,
     split_pictures,
-    takes_target,
+    takes_options,
     targets_from_options,
     tell_written,
 )
@@ -72,50 +73,36 @@ _Pictures = Annotated[
         help="Pictures, and how far the camera has moved since the first one: start.jpg near.jpg@20cm.",
     ),
 ]
-_Moves = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--move",
-        metavar="MOVE",
-        help="With --live: where to move the camera, such as --move 30cm --move 60cm; else 20 cm, then 40 cm.",
-    ),
-]
-_StepError = Annotated[
-    float,
-    typer.Option(
-        "--step-error",
-        metavar="PERCENT",
-        min=0.0,
-        max=50.0,
-        help="How far all moves may be wrong together, one standard deviation: 2 for the wheels of a robot.",
-    ),
-]
-_PlaceError = Annotated[
-    str,
-    typer.Option("--place-error", metavar="LENGTH", help="How far the camera may be beside each place."),
-]
-_TurnError = Annotated[
-    float,
-    typer.Option(
-        "--turn-error",
-        metavar="DEGREES",
-        min=0.0,
-        max=30.0,
-        help="How far the camera may have turned between pictures: 2 in the hand, 0.1 on a slider.",
-    ),
-]
 
 
+@takes_options(
+    moves=Option(
+        "MOVE",
+        "With --live: where to move the camera, such as --move 30cm --move 60cm; else 20 cm, then 40 cm.",
+        flags="--move",
+    ),
+    step_error=Option(
+        "PERCENT",
+        "How far all moves may be wrong together, one standard deviation: 2 for the wheels of a robot.",
+        limits=(0.0, 50.0),
+    ),
+    place_error=Option("LENGTH", "How far the camera may be beside each place."),
+    turn_error=Option(
+        "DEGREES",
+        "How far the camera may have turned between pictures: 2 in the hand, 0.1 on a slider.",
+        limits=(0.0, 30.0),
+    ),
+)
 def size(
     *,
     target: GivenTarget,
     pictures: _Pictures = None,
-    camera: Annotated[Path, typer.Option("--camera", metavar="FILE", help="The camera file.")],
+    camera: Path,
     live: LiveOption = None,
-    moves: _Moves = None,
-    step_error: _StepError = 2.0,
-    place_error: _PlaceError = "4mm",
-    turn_error: _TurnError = 2.0,
+    moves: list[str] | None = None,
+    step_error: float = 2.0,
+    place_error: str = "4mm",
+    turn_error: float = 2.0,
 ) -> None:
     """Find out how large a thing is, from how it grows in the picture as the camera comes nearer.
 
@@ -256,12 +243,12 @@ def _tell_size(learnt: LearntSize, session: SizeSession, given: GivenTarget, uni
 MUCH_ROLL_RAD = math.radians(0.5)
 
 
-@takes_target
+@takes_options()
 def floor(
     *,
     target: GivenTarget,
     pictures: Annotated[list[Path], typer.Argument(metavar="IMAGE", help="Pictures of a tag or sheet on the floor.")],
-    camera: Annotated[Path, typer.Option("--camera", metavar="FILE", help="The camera file.")],
+    camera: Path,
 ) -> None:
     """Find out how high the camera is above the floor and how far it is tilted.
 
@@ -339,44 +326,27 @@ _PATH_AT_DISTANCE = typer.Argument(
 )
 PicturesAtDistances = Annotated[list[str], _PATH_AT_DISTANCE]
 MaybePicturesAtDistances = Annotated[list[str] | None, _PATH_AT_DISTANCE]
-DistanceErrorOption = Annotated[
-    float,
-    typer.Option(
-        "--distance-error",
-        metavar="PERCENT",
-        min=0.0,
-        max=50.0,
-        help="How well you know the distances: one standard deviation, in per cent of each.",
-    ),
-]
-PerhapsOption = Annotated[
-    bool, typer.Option("--perhaps", help="Take what is perhaps the target, too: you have looked at it.")
-]
-AtOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--at",
-        metavar="DISTANCE",
-        help="With --live: where to put the target, such as --at 1m --at 3m; else 1 m, then up to thrice that.",
-    ),
-]
-
 # Further from the middle of the picture than this, depth and straight line differ by more than 1.5 %.
 FAR_OFF_AXIS_RAD = math.radians(10)
 
 
 @calibrate.command("distance")
-@takes_target
+@takes_options(
+    at=Option(
+        "DISTANCE",
+        "With --live: where to put the target, such as --at 1m --at 3m; else 1 m, then up to thrice that.",
+    )
+)
 def distance(
     *,
     target: GivenTarget,
     pictures: MaybePicturesAtDistances = None,
     live: LiveOption = None,
-    at: AtOption = None,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The camera file to write.")],
-    distance_error: DistanceErrorOption = 1.0,
-    tone_curve: ToneCurveOption = "srgb",
-    perhaps: PerhapsOption = False,
+    at: list[str] | None = None,
+    output: Path,
+    distance_error: float = 1.0,
+    tone_curve: ToneCurve = "srgb",
+    perhaps: bool = False,
 ) -> None:
     """Calibrate a camera from pictures of a target at known distances.
 
@@ -606,18 +576,18 @@ def _why_no_bias(made: Calibration, unit: LengthUnit) -> str:
 calibrate.command("board")(board)
 calibrate.command("stereo")(stereo)
 calibrate.command("floor")(floor)
-calibrate.command("size")(takes_target(size))
+calibrate.command("size")(size)
 
 
 @calibrate.command("check")
-@takes_target
+@takes_options()
 def check(
     *,
     target: GivenTarget,
     pictures: PicturesAtDistances,
-    camera: Annotated[Path, typer.Option("--camera", metavar="FILE", help="The camera file to check.")],
-    distance_error: DistanceErrorOption = 1.0,
-    perhaps: PerhapsOption = False,
+    camera: Path,
+    distance_error: float = 1.0,
+    perhaps: bool = False,
 ) -> None:
     """Show how wrong a camera file is, from new pictures of a target at known distances.
 

@@ -16,10 +16,12 @@ from msgspec.structs import replace
 from stadimeter.cli.exits import DONE, NOT_FOUND, count_items, plain_errors, say_note, working
 from stadimeter.cli.target_options import (
     LiveOption,
+    Option,
     check_one_source,
     give_up,
     live_camera,
     parse_known_length,
+    takes_options,
     tell_written,
 )
 from stadimeter.config.camera_file import save_camera_model, save_stereo_rig
@@ -42,13 +44,19 @@ from stadimeter.workbench.frame_source import Source
 from stadimeter.workbench.picture_metadata import check_lens_settings
 from stadimeter.workbench.stereo import find_board_pairs, pair_pictures
 
-ToneCurveOption = Annotated[
-    ToneCurve,
-    typer.Option(
-        "--tone-curve",
-        help="How the camera's values follow from light: srgb for nearly every camera, linear for raw pictures, whose "
-        "values are in proportion to it.",
-    ),
+ChessboardOption = Annotated[
+    str | None,
+    typer.Option("--board", metavar="COLUMNSxROWS", help="A chessboard, by its inner corners, such as 9x6."),
+]
+CharucoOption = Annotated[
+    str | None,
+    typer.Option("--charuco", metavar="COLUMNSxROWS", help="A ChArUco board, by its squares, such as 5x7."),
+]
+MarkerOption = Annotated[
+    str | None, typer.Option("--marker", metavar="LENGTH", help="Side of a marker of the ChArUco board.")
+]
+DictionaryOption = Annotated[
+    str | None, typer.Option("--dictionary", metavar="NAME", help="Its markers' dictionary, such as 4X4_50.")
 ]
 
 # The command ``calibrate stereo``: a stereo file from pictures of a board that two cameras took at the same time ------
@@ -63,6 +71,13 @@ _ONE_DISTANCE = 1.3
 _UNSURE_SHARE = 0.02
 
 
+@takes_options(
+    square_error=Option(
+        "PERCENT",
+        "How well you know the side of a square, one standard deviation in per cent; distances are as unsure.",
+        limits=(0.0, 20.0),
+    )
+)
 def stereo(
     *,
     pictures: Annotated[
@@ -72,23 +87,14 @@ def stereo(
             help="Pictures of the board: first those of the left camera, then as many of the right one, in one order.",
         ),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The stereo file to write.")],
-    square: Annotated[str, typer.Option("--square", metavar="LENGTH", help="Side of a square, such as 25mm.")],
+    output: Path,
+    square: str,
     chessboard: ChessboardOption = None,
     charuco: CharucoOption = None,
     marker: MarkerOption = None,
     dictionary: DictionaryOption = None,
-    square_error: Annotated[
-        float,
-        typer.Option(
-            "--square-error",
-            metavar="PERCENT",
-            min=0.0,
-            max=20.0,
-            help="How well you know the side of a square, one standard deviation in per cent; distances are as unsure.",
-        ),
-    ] = 0.2,
-    tone_curve: ToneCurveOption = "srgb",
+    square_error: float = 0.2,
+    tone_curve: ToneCurve = "srgb",
 ) -> None:
     """Calibrate two cameras that are fixed to each other, from pictures of a board that both took at the same time.
 
@@ -179,34 +185,19 @@ def _advice_stereo(made: StereoCalibration, used: int) -> list[str]:
 _SIZE = re.compile(r"(\d{1,3})x(\d{1,3})")
 
 
-ChessboardOption = Annotated[
-    str | None,
-    typer.Option("--board", metavar="COLUMNSxROWS", help="A chessboard, by its inner corners, such as 9x6."),
-]
-CharucoOption = Annotated[
-    str | None,
-    typer.Option("--charuco", metavar="COLUMNSxROWS", help="A ChArUco board, by its squares, such as 5x7."),
-]
-MarkerOption = Annotated[
-    str | None, typer.Option("--marker", metavar="LENGTH", help="Side of a marker of the ChArUco board.")
-]
-DictionaryOption = Annotated[
-    str | None, typer.Option("--dictionary", metavar="NAME", help="Its markers' dictionary, such as 4X4_50.")
-]
-
-
+@takes_options()
 def board(
     *,
     pictures: Annotated[
         list[Path] | None, typer.Argument(metavar="PATH", help="Pictures of the board, 10 to 20.")
     ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The camera file to write.")],
-    square: Annotated[str, typer.Option("--square", metavar="LENGTH", help="Side of a square, such as 25mm.")],
+    output: Path,
+    square: str,
     chessboard: ChessboardOption = None,
     charuco: CharucoOption = None,
     marker: MarkerOption = None,
     dictionary: DictionaryOption = None,
-    tone_curve: ToneCurveOption = "srgb",
+    tone_curve: ToneCurve = "srgb",
     live: LiveOption = None,
 ) -> None:
     """Calibrate a camera, distortion included, from pictures of a chessboard or a ChArUco board.

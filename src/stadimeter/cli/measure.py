@@ -19,12 +19,12 @@ from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, plain_errors, say_note
 from stadimeter.cli.formatting import METRE, LengthUnit, format_distance
 from stadimeter.cli.measure_output import Printer, copy_paths, marks_of
 from stadimeter.cli.target_options import (
-    ConfigOption,
     GivenTarget,
     LiveOption,
+    Option,
     WantedTargets,
     camera_choice,
-    takes_target,
+    takes_options,
     targets_from_options,
 )
 from stadimeter.config.camera_file import load_camera_model
@@ -47,15 +47,6 @@ if TYPE_CHECKING:
 
 # ``measure --stereo``: the stereo file of two cameras, and what does not go with it -----------------------------------
 
-StereoOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--stereo",
-        metavar="FILE",
-        help="Measure with two cameras: their stereo file, made by `stadimeter calibrate stereo`.",
-    ),
-]
-
 
 def load_rig(file: Path, images: Sequence[Path], others: Mapping[str, object]) -> StereoRig:
     """Read a stereo file; `ConfigError` for what does not go with it, too: other options, and videos."""
@@ -71,23 +62,6 @@ def load_rig(file: Path, images: Sequence[Path], others: Mapping[str, object]) -
 
 
 # ``measure --at``: how large what is seen is, if its distance is known; of a target, or of a box that is given --------
-
-AtOption = Annotated[
-    str | None,
-    typer.Option(
-        "--at",
-        metavar="DISTANCE",
-        help="Print how large the target is if it is that far away, such as 2m or '2m ± 1cm'; 1 % of it without ±.",
-    ),
-]
-BoxOption = Annotated[
-    str | None,
-    typer.Option(
-        "--box",
-        metavar="X,Y,W,H",
-        help="With --at: how large what fills this box is, in pixels, left top corner first. In place of a target.",
-    ),
-]
 
 
 def parse_at(text: str) -> tuple[float, float]:
@@ -169,13 +143,6 @@ def print_size(file: str, name: str, size: SizeAt | None, at_m: float, unit: Len
 
 # ``measure --where``: where the camera was, by tags of known places ---------------------------------------------------
 
-WhereOption = Annotated[
-    bool,
-    typer.Option(
-        "--where", help="Print where the camera was, by the tags of [landmarks] of --config, and measure no target."
-    ),
-]
-
 
 def print_places(images: Sequence[Path], config: Path | None, *, as_json: bool) -> int:
     """Print where the camera was in each picture, and return the worst of their exit codes.
@@ -224,43 +191,41 @@ EXIT_CODES = {
 }
 
 
-BetweenOption = Annotated[
-    str | None,
-    typer.Option(
-        "--between",
-        metavar="A,B",
-        help="Print how far apart two targets are as well: tags by their numbers, or targets of --config by name.",
+@takes_options(
+    config=Option("FILE", "Look for the targets of this configuration, through its camera."),
+    copies=Option("DIR", "Write a copy of each picture there, with what was measured.", flags="--annotate"),
+    between=Option(
+        "A,B", "Print how far apart two targets are as well: tags by their numbers, or targets of --config by name."
     ),
-]
-
-
-@takes_target
+    stereo=Option("FILE", "Measure with two cameras: their stereo file, made by `stadimeter calibrate stereo`."),
+    at=Option(
+        "DISTANCE",
+        "Print how large the target is if it is that far away, such as 2m or '2m ± 1cm'; 1 % of it without ±.",
+    ),
+    box=Option(
+        "X,Y,W,H",
+        "With --at: how large what fills this box is, in pixels, left top corner first. In place of a target.",
+    ),
+    where=Option("", "Print where the camera was, by the tags of [landmarks] of --config, and measure no target."),
+    explain=Option("", "Say how each result came about, and what was rejected and why."),
+)
 def measure(
     *,
     target: GivenTarget,
     images: Annotated[
         list[Path] | None, typer.Argument(metavar="IMAGE|VIDEO", help="Picture files, and video files.")
     ] = None,
-    camera: Annotated[
-        Path | None,
-        typer.Option("--camera", metavar="FILE", help="The camera file, made by `stadimeter calibrate distance`."),
-    ] = None,
-    config: ConfigOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a line.")] = False,
-    copies: Annotated[
-        Path | None,
-        typer.Option("--annotate", metavar="DIR", help="Write a copy of each picture there, with what was measured."),
-    ] = None,
+    camera: Path | None = None,
+    config: Path | None = None,
+    as_json: bool = False,
+    copies: Path | None = None,
     live: LiveOption = None,
-    between: BetweenOption = None,
-    stereo: StereoOption = None,
-    at: AtOption = None,
-    box: BoxOption = None,
-    where: WhereOption = False,
-    explain: Annotated[
-        bool,
-        typer.Option("--explain", help="Say how each result came about, and what was rejected and why."),
-    ] = False,
+    between: str | None = None,
+    stereo: Path | None = None,
+    at: str | None = None,
+    box: str | None = None,
+    where: bool = False,
+    explain: bool = False,
 ) -> None:
     """Measure how far away a target is in pictures, in videos, or before a camera.
 

@@ -31,11 +31,6 @@ from stadimeter.workbench.picture_metadata import check_lens_settings, profile_n
 if TYPE_CHECKING:
     from stadimeter.workbench.frame_source import Source
 
-ConfigOption = Annotated[
-    Path | None,
-    typer.Option("--config", metavar="FILE", help="Look for the targets of this configuration, through its camera."),
-]
-
 _NUMBER = re.compile(r"[\s0-9.eE+-]*")
 _UNITS = {
     "in": INCH, "inch": INCH, "inches": INCH, '"': INCH, "ft": FOOT, "foot": FOOT, "feet": FOOT, "'": FOOT, "yd": FOOT,
@@ -43,64 +38,76 @@ _UNITS = {
 }  # fmt: skip
 
 
-class _Option(Struct, frozen=True):
-    """An option of the command line; its value is None where it is not given.
+class Option(Struct, frozen=True):
+    """An option of the command line.
 
     Attributes:
-        key: The name in the detector's table; empty for one that names a target.
+        metavar: What stands for its value in the help; empty for a switch.
+        key: The name in the detector's table of an option that describes a target; empty for one that names it.
+        kind: The type of the value of an option that describes a target.
+        flags: Its flags; empty for the name of the argument.
+        limits: The least and the most that a number may be.
     """
 
     metavar: str
     help: str
     key: str = ""
     kind: Any = str | None
+    flags: str = ""
+    limits: tuple[float, float] | None = None
+
+    def annotate(self, kind: Any, flags: str) -> Any:
+        """Return the type of an argument that has this option, for typer."""
+        least, most = self.limits or (None, None)
+        names = (self.flags or flags).split()
+        return Annotated[kind, typer.Option(*names, metavar=self.metavar or None, help=self.help, min=least, max=most)]
 
 
 # The options that describe a target, in the order of the help.
 _OPTIONS = {
-    "--sheet": _Option(
+    "--sheet": Option(
         "WIDTH,HEIGHT|NAME", "Look for a sheet of this size, such as 11in,8.5in, A4, letter or 'business card'."
     ),
-    "--known-side": _Option(
+    "--known-side": Option(
         "auto|width|height",
         "Which side of the sheet to measure by: auto, the default, takes the one that is turned away the least.",
         "known_side",
     ),
-    "--ball": _Option("DIAMETER", "Look for a ball of this size, such as 6.4cm or 'tennis ball'."),
-    "--hsv": _Option(
+    "--ball": Option("DIAMETER", "Look for a ball of this size, such as 6.4cm or 'tennis ball'."),
+    "--hsv": Option(
         "H,S,V:H,S,V",
         "The ball's or the sheet's colours, if they help to find it: lower and upper limit, as OpenCV has them, "
         "of hue 0 to 179, saturation and value 0 to 255. Such as 29,86,6:64,255,255, a green. A lower hue above the "
         "upper one wraps through red.",
         "hsv",
     ),
-    "--tag": _Option("SIDE", "Look for a tag whose black square has this side, such as 8cm."),
-    "--family": _Option(
+    "--tag": Option("SIDE", "Look for a tag whose black square has this side, such as 8cm."),
+    "--family": Option(
         "FAMILY",
         "The tag's family: 36h11, an AprilTag, unless you say another one, such as 4x4-50 (ArUco).",
         "family",
     ),
-    "--id": _Option(
+    "--id": Option(
         "N",
         "Which tag of the family; without it, the largest one in the picture.",
         "id",
         int | None,
     ),
-    "--disc": _Option("DIAMETER", "Look for a flat disc of this size, such as 12cm."),
-    "--min-side": _Option(
+    "--disc": Option("DIAMETER", "Look for a flat disc of this size, such as 12cm."),
+    "--min-side": Option(
         "PIXELS",
         "Accept sheets and tags whose shorter side is at least this long in the picture; 8 and 10 pixels unless "
         "you say so. Smaller ones are less certain, which the ± tells.",
         "min_side_px",
         float | None,
     ),
-    "--target": _Option(
+    "--target": Option(
         "'KIND KEY=VALUE …'",
         "Look for a target of any installed kind, with the keys that its table in a configuration has, such as "
         "'disc diameter=12cm shade=dark'. In quotes. `measure` takes two, and prints how far they are apart.",
         kind=list[str] | None,
     ),
-    "--tolerance": _Option(
+    "--tolerance": Option(
         "LENGTH",
         "How well the target's size is known, one standard deviation, such as 1mm; it widens the ±.",
         "tolerance",
@@ -129,35 +136,57 @@ class WantedTargets(Struct, frozen=True, kw_only=True):
     unit: LengthUnit = METRE
 
 
-def takes_target(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options that describe a target, in place of its argument ``target``.
+# The options that several commands share, by the names of their arguments.
+_SHARED = {
+    "as_json": Option("", "Print one JSON object a line.", flags="--json"),
+    "camera": Option("FILE", "The camera file, made by `stadimeter calibrate distance`."),
+    "output": Option("FILE", "The file to write.", flags="--output -o"),
+    "square": Option("LENGTH", "Side of a square, such as 25mm."),
+    "perhaps": Option("", "Take what is perhaps the target, too: you have looked at it."),
+    "distance_error": Option(
+        "PERCENT", "How well you know the distances: one standard deviation, in per cent of each.", limits=(0.0, 50.0)
+    ),
+    "tone_curve": Option(
+        "",
+        "How the camera's values follow from light: srgb for nearly every camera, linear for raw pictures, whose "
+        "values are in proportion to it.",
+    ),
+}
 
-    The argument holds the values by option, for `targets_from_options`.
+
+def takes_options(**own: Option) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give the arguments of a command their options: its own, those that are shared, and for ``target`` its many.
+
+    The argument ``target`` holds the values by option, for `targets_from_options`.
     """
-    own = list(inspect.signature(command, eval_str=True).parameters.values())
-    place = next(index for index, each in enumerate(own) if each.name == "target")
-    own[place : place + 1] = [
-        inspect.Parameter(
-            _parameter(flag),
-            inspect.Parameter.KEYWORD_ONLY,
-            default=None,
-            annotation=Annotated[each.kind, typer.Option(flag, metavar=each.metavar, help=each.help)],
-        )
-        for flag, each in _OPTIONS.items()
-    ]
 
-    @functools.wraps(command)
-    def with_options(**values: Any) -> None:
-        given = {flag: values.pop(_parameter(flag)) for flag in _OPTIONS}
-        command(target=given, **values)
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        options, parameters = {**_SHARED, **own}, list[inspect.Parameter]()
+        for each in inspect.signature(command, eval_str=True).parameters.values():
+            if each.name == "target":
+                parameters += [_parameter(flag, option) for flag, option in _OPTIONS.items()]
+            elif each.name in options:
+                kind = options[each.name].annotate(each.annotation, f"--{each.name.replace('_', '-')}")
+                parameters.append(each.replace(annotation=kind))
+            else:
+                parameters.append(each)
+        flags = {_parameter(flag, option).name: flag for flag, option in _OPTIONS.items()}
 
-    with_options.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
-    with_options.__annotations__ = {each.name: each.annotation for each in own}
-    return with_options
+        @functools.wraps(command)
+        def with_options(**values: Any) -> None:
+            given = {flags[name]: values.pop(name) for name in [*values] if name in flags}
+            command(**({"target": given} if given else {}), **values)
+
+        with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        with_options.__annotations__ = {each.name: each.annotation for each in parameters}
+        return with_options
+
+    return decorate
 
 
-def _parameter(flag: str) -> str:
-    return f"target_{flag.removeprefix('--').replace('-', '_')}"
+def _parameter(flag: str, option: Option) -> inspect.Parameter:
+    name, kind = f"target_{flag.removeprefix('--').replace('-', '_')}", option.annotate(option.kind, flag)
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
 
 
 def targets_from_options(given: GivenTarget, config: Path | None = None, *, several: bool = False) -> WantedTargets:
