@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from stadimeter.app.places import CERTIFICATE
 from stadimeter.cli.exits import DONE, NOT_FOUND, ConfigArgument, configuration_path, plain_errors, say_note
 from stadimeter.cli.operate import confirm
-from stadimeter.cli.target_options import ask_until, give_up, parse_known_length
+from stadimeter.cli.target_options import Option, ask_until, give_up, parse_known_length, takes_options
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import split_spread
 from stadimeter.errors import CalibrationError, ConfigError
@@ -84,30 +83,25 @@ def _loaded(config: Path | None) -> Configuration:
 
 
 @site.command()
+@takes_options(
+    at=Option("DISTANCE", "Where to put the target: --at 50cm,1m,2m, or given repeatedly."),
+    pictures=Option("PATH", "Pictures taken at each --at: a folder or a pattern for each."),
+    tape=Option("LENGTH", "How well a placement is known: one standard deviation."),
+    seconds=Option("", "How long to watch at each distance.", limits=(0.1, 60.0)),
+    name=Option("NAME", "The target to certify with; else the first one.", flags="--target"),
+    correct=Option("", "Write a focal length with the right scale into the camera file."),
+    anew=Option("", "Forget what an earlier, unfinished measurement left."),
+)
 def certify(
     config: ConfigArgument = None,
     *,
-    at: Annotated[
-        list[str] | None,
-        typer.Option("--at", metavar="DISTANCE", help="Where to put the target: --at 50cm,1m,2m, or given repeatedly."),
-    ] = None,
-    pictures: Annotated[
-        list[Path] | None,
-        typer.Option("--pictures", metavar="PATH", help="Pictures taken at each --at: a folder or a pattern for each."),
-    ] = None,
-    tape: Annotated[
-        str, typer.Option("--tape", metavar="LENGTH", help="How well a placement is known: one standard deviation.")
-    ] = "2mm",
-    seconds: Annotated[
-        float, typer.Option("--seconds", min=0.1, max=60.0, help="How long to watch at each distance.")
-    ] = WATCH_S,
-    target: Annotated[
-        str, typer.Option("--target", metavar="NAME", help="The target to certify with; else the first one.")
-    ] = "",
-    correct: Annotated[
-        bool, typer.Option("--correct", help="Write a focal length with the right scale into the camera file.")
-    ] = False,
-    anew: Annotated[bool, typer.Option("--anew", help="Forget what an earlier, unfinished measurement left.")] = False,
+    at: list[str] | None = None,
+    pictures: list[Path] | None = None,
+    tape: str = "2mm",
+    seconds: float = WATCH_S,
+    name: str = "",
+    correct: bool = False,
+    anew: bool = False,
 ) -> None:
     """Certify how right distances are at this place, in this light, and which thresholds that carries.
 
@@ -134,7 +128,7 @@ def certify(
     """
     with plain_errors():
         path = configuration_path(config)
-        session = SiteSession(load_configuration(path), target, anew=anew, again=correct)
+        session = SiteSession(load_configuration(path), name, anew=anew, again=correct)
         distances = [part.strip() for text in at or [] for part in text.split(",")]
         tape_m = parse_known_length(tape, "--tape")
         for each in session.certificate.placements:
