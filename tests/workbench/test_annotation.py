@@ -22,7 +22,7 @@ from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.errors import PictureError
 from stadimeter.workbench import annotation
 from stadimeter.workbench.annotation import GREEN, GREY, ORANGE, RED, Box, Mark, annotate, write_picture
-from stadimeter.workbench.measuring import Measuring, measure_picture
+from stadimeter.workbench.measuring import Measuring
 from support.crossing_balls import BLANK, PretendBalls
 
 pytestmark = pytest.mark.vision
@@ -231,7 +231,7 @@ def ball_picture(tmp_path: Path) -> Path:
 
 
 def test_each_target_has_a_result_for_each_picture(ball_picture: Path, targets) -> None:
-    result = measure_picture(ball_picture, targets, CAMERA)
+    result = Measuring(targets, CAMERA).measure_file(ball_picture)
     assert [each.measurement.target for each in result.targets] == ["left", "right"]
     assert result.file == str(ball_picture)
     assert result.frame is not None
@@ -242,7 +242,7 @@ def test_each_target_has_a_result_for_each_picture(ball_picture: Path, targets) 
 
 
 def test_a_record_has_exactly_the_keys_that_programs_read(ball_picture: Path, targets) -> None:
-    record = measure_picture(ball_picture, targets, CAMERA).targets[0].record()
+    record = Measuring(targets, CAMERA).measure_file(ball_picture).targets[0].record()
     assert list(record) == [
         "file",
         "target",
@@ -273,14 +273,16 @@ def test_a_record_has_exactly_the_keys_that_programs_read(ball_picture: Path, ta
 def test_a_picture_of_another_size_is_measured_through_the_scaled_camera(ball_picture: Path, targets) -> None:
     large = ball_picture.with_name("large.png")
     cv2.imwrite(str(large), cv2.resize(cv2.imread(str(ball_picture)), (1280, 960), interpolation=cv2.INTER_CUBIC))
-    small_m = measure_picture(ball_picture, targets, CAMERA).targets[0].measurement.distance_m
-    assert measure_picture(large, targets, CAMERA).targets[0].measurement.distance_m == pytest.approx(small_m, rel=0.01)
+    small_m = Measuring(targets, CAMERA).measure_file(ball_picture).targets[0].measurement.distance_m
+    assert Measuring(targets, CAMERA).measure_file(large).targets[0].measurement.distance_m == pytest.approx(
+        small_m, rel=0.01
+    )
 
 
 def test_a_picture_of_another_aspect_is_an_error_with_a_reason(ball_picture: Path, targets) -> None:
     cut = ball_picture.with_name("cut.png")
     cv2.imwrite(str(cut), cv2.imread(str(ball_picture))[:360])
-    for each in measure_picture(cut, targets, CAMERA).targets:
+    for each in Measuring(targets, CAMERA).measure_file(cut).targets:
         assert each.measurement.status is MeasurementStatus.ERROR
         assert "another aspect" in each.measurement.reason
         assert each.measurement.distance_m is None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
@@ -13,7 +13,7 @@ import typer
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from stadimeter.app.detectors import NamedDetector, build_detectors
+from stadimeter.app.detectors import build_detectors
 from stadimeter.cli import exits
 from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, plain_errors, say_note
 from stadimeter.cli.formatting import METRE, LengthUnit, format_distance
@@ -308,12 +308,12 @@ def measure(
         names, wanted, camera_model = _check_options(
             target, config, rig.left if rig else camera, between, is_one_source=bool(images) != bool(live)
         )
-        targets = build_detectors(wanted.choices, camera_model, wanted.footings)
         name = (live or "").partition(",")[0]  # the configuration or the driver: its options would fill each line
         work = _Work(
-            measuring=Measuring(targets, camera_model, wanted.mount),
+            measuring=Measuring(
+                build_detectors(wanted.choices, camera_model, wanted.footings), camera_model, wanted.mount
+            ),
             wanted=wanted,
-            targets=targets,
             camera_model=camera_model,
             printer=Printer(
                 as_json=as_json,
@@ -325,9 +325,7 @@ def measure(
             between=names,
             at=known_at,
         )
-        if rig is not None:
-            raise typer.Exit(work.pairs(images or [], rig, copies))
-        code = work.frames(camera_choice(live), name) if live else work.files(images or [], copies)
+        code = work.frames(camera_choice(live), name) if live else work.files(images or [], rig, copies)
     raise typer.Exit(code)
 
 
@@ -378,11 +376,12 @@ def _pair_from_option(between: str | None, given: GivenTarget) -> tuple[str, str
         raise ConfigError(f"--between: {between!r} does not name two targets; write it such as 3,7")
     if given.get("--tag") is None:
         return one, other
-    if not (one.isascii() and one.isdigit() and other.isascii() and other.isdigit()):
-        raise ConfigError(f"--between: {between!r} are not the numbers of two tags; write it such as 3,7")
     if given.get("--id") is not None:
         raise ConfigError("--between names two tags, --id one; give one of them")
-    return f"tag {int(one)}", f"tag {int(other)}"
+    try:
+        return f"tag {int(one)}", f"tag {int(other)}"
+    except ValueError:
+        raise ConfigError(f"--between: {between!r} are not the numbers of two tags; write it such as 3,7") from None
 
 
 def _targets_from_options(given: GivenTarget, config: Path | None, names: tuple[str, str] | None) -> WantedTargets:
@@ -429,35 +428,29 @@ class _Work(Struct, frozen=True, kw_only=True):
 
     measuring: Measuring
     wanted: WantedTargets
-    targets: Sequence[NamedDetector]
     camera_model: CameraModel
     printer: Printer
     between: tuple[str, str] | None
     at: tuple[float, float] | None = None
     proposed: set[str] = field(default_factory=set)  # targets for which other options have been proposed
 
-    def files(self, files: Sequence[Path], copies: Path | None) -> int:
-        """Measure pictures and videos one after the other, and return the worst of their exit codes."""
+    def files(self, files: Sequence[Path], rig: StereoRig | None, copies: Path | None) -> int:
+        """Measure pictures, pairs of them or videos one after the other, and return the worst of their exit codes."""
         for note in profile_notes(files):
             say_note(note)
-        paths = copy_paths([each for each in files if not is_video_file(each)], copies)
+        taken: Sequence[tuple[Path, ...]] = [(each,) for each in files]
+        measure: Callable[..., PictureResult] = self.measuring.measure_file
+        if rig is not None:
+            from stadimeter.workbench.stereo import PairMeasuring, pair_pictures  # noqa: PLC0415 - one needs none
+
+            taken, measure = pair_pictures(files), PairMeasuring(self.wanted.choices, rig).measure
+        paths = copy_paths([first for first, *_ in taken if not is_video_file(first)], copies)
         return max(
-            self.frames(_video(each), str(each)) if is_video_file(each) else self._picture(each, paths.get(each))
-            for each in _with_progress(files)
+            self.frames(_video(each[0]), str(each[0]))
+            if is_video_file(each[0])
+            else self._report(measure(*each), paths.get(each[0]))
+            for each in _with_progress(taken)
         )
-
-    def _picture(self, image: Path, copy: Path | None) -> int:
-        return self._report(measuring.measure_picture(image, self.targets, self.camera_model, self.wanted.mount), copy)
-
-    def pairs(self, files: Sequence[Path], rig: StereoRig, copies: Path | None) -> int:
-        """Measure pairs of pictures of two cameras, and return the worst of their exit codes."""
-        from stadimeter.workbench.stereo import PairMeasuring, pair_pictures  # noqa: PLC0415 - one camera needs none
-
-        pairs, measure_pair = pair_pictures(files), PairMeasuring(self.wanted.choices, rig)
-        for note in profile_notes(files):
-            say_note(note)
-        paths = copy_paths([left for left, _ in pairs], copies)
-        return max(self._report(measure_pair.measure(*pair), paths.get(pair[0])) for pair in _with_progress(pairs))
 
     def _report(self, result: PictureResult, copy: Path | None) -> int:
         """Print what was found, with what would help, and write the copy; return the exit code."""
@@ -491,7 +484,7 @@ class _Work(Struct, frozen=True, kw_only=True):
         except KeyboardInterrupt:
             typer.echo(f"stopped after {seen} frames", err=True)
         except StadimeterError as error:
-            for each in measuring.failed_results(name, self.targets, error):
+            for each in measuring.failed_results(name, self.measuring.targets, error):
                 self.printer.result(each)
             return WRONG
         finally:

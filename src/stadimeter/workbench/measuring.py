@@ -169,37 +169,33 @@ def open_picture(path: Path) -> Frame:
         camera.close()
 
 
-def measure_picture(
-    path: Path, targets: Sequence[NamedDetector], camera_model: CameraModel, mount: Mount | None = None
-) -> PictureResult:
-    """Measure every target in a picture file.
-
-    Args:
-        camera_model: The lens, at any resolution of the pictures' aspect.
-
-    Returns:
-        One result for each target. Where the picture cannot be read, or has another aspect than the camera model, the
-        status is ``error`` and the reason says why.
-    """
-    frame = None
-    try:
-        frame = open_picture(path)
-        return Measuring(targets, camera_model, mount).measure(frame, str(path))
-    except StadimeterError as error:
-        return PictureResult(file=str(path), frame=frame, targets=failed_results(str(path), targets, error))
-
-
 class Measuring:
     """Measures targets in one frame after the other, each as if there had been none before.
 
     Only the names of several of one kind go on through the frames of a source.
+
+    Args:
+        camera_model: The lens, at any resolution of the frames' aspect.
     """
 
     def __init__(self, targets: Sequence[NamedDetector], camera_model: CameraModel, mount: Mount | None = None) -> None:
-        self._targets = targets
+        self.targets = targets
         self._mount = mount
         self._perceiver = Perceiver({}, camera_model)
         self._several: dict[str, Several] = {}
+
+    def measure_file(self, path: Path) -> PictureResult:
+        """Return a result for each target of a picture file.
+
+        Where the picture cannot be read, or has another aspect than the camera model, the status is ``error`` and the
+        reason says why.
+        """
+        frame = None
+        try:
+            frame = open_picture(path)
+            return self.measure(frame, str(path))
+        except StadimeterError as error:
+            return PictureResult(file=str(path), frame=frame, targets=failed_results(str(path), self.targets, error))
 
     def measure(self, frame: Frame, file: str) -> PictureResult:
         """Return a result for each target of a picture; of tags without a number, one for each that is seen.
@@ -213,7 +209,7 @@ class Measuring:
     def _measure(self, frame: Frame, file: str) -> PictureResult:
         lens = self._perceiver.lens_of(frame)
         results, number = [], 1
-        for target in self._targets:
+        for target in self.targets:
             for detection in self._detections(target, frame, lens):
                 result = _result(file, detection, target, lens, number)
                 edges = partial(_edges, target.detector, frame, detection, lens)
