@@ -20,39 +20,27 @@ class OperatorAction(StrEnum):
 
     Attributes:
         summary: One line for the description of the API.
-        help: The text of ``--help``; empty for an action that shares the command of another.
+        more: A sentence or two beside it; may be empty.
+        example: The words behind ``stadimeter alarm``; empty for an action on no rule.
         is_on_outputs: Whether it concerns every output, the camera or the run itself, and no rule.
         takes: What it takes beside the rule, who and why: a duration, ``for_s``, with ``one_shot``; or of a threshold
             its ``key``, and a ``value``.
     """
 
     summary: str
-    help: str
+    more: str
+    example: str
     is_on_outputs: bool
     takes: tuple[Takes, ...]
 
     def __new__(
-        cls,
-        name: str,
-        summary: str = "",
-        more: str = "",
-        example: str = "",
-        refused: str = "",
-        takes: tuple[Takes, ...] = (),
+        cls, name: str, summary: str = "", more: str = "", example: str = "", takes: tuple[Takes, ...] = ()
     ) -> Self:
-        """Make a row; of an action on alarms, the one with an ``example``, `more` is the middle of its help."""
+        """Make a row; one with an ``example`` is an action on alarms."""
         action = str.__new__(cls, name)
         action._value_ = name
-        action.summary, action.help, action.is_on_outputs, action.takes = summary, more, not example, takes
-        if example:
-            ending = f"**Exit code**: 0 done; 2 {refused}, no such rule, or no running instance."
-            parts = (
-                f"{summary}, in a running instance.",
-                more,
-                f"**Example**\n\n- `stadimeter alarm {example}`",
-                ending,
-            )
-            action.help = "\n\n".join(filter(None, parts))
+        action.summary, action.more, action.example, action.takes = summary, more, example, takes
+        action.is_on_outputs = not example
         return action
 
     @property
@@ -83,128 +71,47 @@ class OperatorAction(StrEnum):
     ACKNOWLEDGE = (
         "acknowledge", "Acknowledge an alarm",
         'A person has seen it. For rules with `ack = "required"`. An event records who acknowledged it, when and why.',
-        'ack too-close --why "moved the ladder"', "there is nothing to acknowledge",
+        'ack too-close --why "moved the ladder"',
     )  # fmt: skip
     RESET = (
         "reset", "End a latched alarm", "Its condition must be over. A rule that counts counts anew.",
-        "reset too-close", "it is not latched, its condition still holds",
+        "reset too-close",
     )  # fmt: skip
     SHELVE = (
         "shelve", "Keep a rule quiet for a while",
         "It is still evaluated, but drives nothing and notifies no one. A rule of severity `safety` cannot be shelved.",
-        'shelve too-close --for "30 min" --why "painting"', "the rule does not allow it", ("for_s", "one_shot"),
+        'shelve too-close --for "30 min" --why "painting"', ("for_s", "one_shot"),
     )  # fmt: skip
-    UNSHELVE = ("unshelve", "Let a shelved rule act again", "", "unshelve --all", "it is not shelved")
+    UNSHELVE = ("unshelve", "Let a shelved rule act again", "", "unshelve --all")
     TAKE_OUT = (
         "take-out", "Take a rule out of service",
         "Until it is put back it drives nothing and notifies no one, also after a restart. No rule of `safety`.",
-        'take-out too-close --why "the door is being repaired"', "it is a safety rule",
+        'take-out too-close --why "the door is being repaired"',
     )  # fmt: skip
-    PUT_BACK = ("put-back", "Put a rule back into service", "", "put-back too-close", "it is not out of service")
+    PUT_BACK = ("put-back", "Put a rule back into service", "", "put-back too-close")
     OBSERVE = (
         "observe", "Let a rule be observed only",
         "As with `observe = true` it drives nothing and sends nothing, also after a restart. No rule of `safety`.",
-        'observe too-close --why "trying its new threshold"', "it is a safety rule, or is only observed already",
+        'observe too-close --why "trying its new threshold"',
     )  # fmt: skip
     ACT = (
-        "act", "Let a rule act that was only observed", "An operator had let it be observed only.",
-        "act too-close", "it is not only observed, or its configuration says so",
+        "act", "Let a rule act that was only observed", "An operator had let it be observed only.", "act too-close",
     )  # fmt: skip
     SET_THRESHOLD = (
         "set-threshold", "Move a threshold of a rule",
         "Bounded as in the configuration; until withdrawn, or a reload changes this threshold. None of `safety`.",
-        'set-threshold too-close "60 cm"',
-        "the value is out of range, the rule has several thresholds and --key names none, it is a safety rule",
-        ("key", "value"),
+        'set-threshold too-close "60 cm"', ("key", "value"),
     )  # fmt: skip
     WITHDRAW_THRESHOLD = (
         "withdraw-threshold", "Return a threshold to what the configuration says",
-        "Without --key, every threshold of the rule that was set.",
-        "withdraw-threshold too-close", "it is not set", ("key",),
+        "Without --key, every threshold of the rule that was set.", "withdraw-threshold too-close", ("key",),
     )  # fmt: skip
-    STOP_OUTPUTS = (
-        "stop-outputs",
-        "Put every output at its safe value, until they are released",
-        """Put every output of a running instance at its safe value, until they are released.
-
-        Every actuator goes to its `safe` level, a base stands still, and all holds end. No rule stands before that,
-        of whatever severity; alarms are raised and announced as ever. It outlasts a reload, and a restart of a run that
-        keeps its state. If several instances run and none is named, all are stopped. It is no emergency stop: that is a
-        switch in the supply.
-
-        **Examples**
-
-        - `stadimeter stop-outputs --why "a child is in the room"`
-
-        - `stadimeter stop-outputs --release`
-
-        **Exit code**: 0 done, also if it was done already; 2 no instance runs, or one of them does not answer.
-        """,
-    )
+    STOP_OUTPUTS = ("stop-outputs", "Put every output at its safe value, until they are released")
     RELEASE_OUTPUTS = ("release-outputs", "Let outputs that were stopped act again")
-    ARM = (
-        "arm",
-        "Let outputs act from now on",
-        """Arm a running instance: from now on its outputs may act.
-
-        With `safety.arm = "by-command"` or `"by-button"` a run begins disarmed: every output is at its safe value. A
-        base whose driver failed disarms it again, and so does `stadimeter disarm`. Arming is refused while no fresh
-        frames come, while the base is out of order, while outputs are stopped, and always with `"by-button"`: only a
-        button arms then.
-
-        **Example**
-
-        - `stadimeter arm --why "the floor is clear"`
-
-        **Exit code**: 0 done, also if it was armed already; 2 refused, or no instance runs.
-        """,
-    )
-    DISARM = (
-        "disarm",
-        "Put every output at its safe value, until the run is armed",
-        """Disarm a running instance: every output is at its safe value until it is armed.
-
-        It does what `stadimeter stop-outputs` does, for one instance and not beyond the end of the run: with
-        `safety.arm = "at-start"` the next run is armed by itself.
-
-        **Example**
-
-        - `stadimeter disarm --why "I carry it to the next room"`
-
-        **Exit code**: 0 done, also if it was disarmed already; 2 no instance runs.
-        """,
-    )
-    CLIP = (
-        "clip",
-        "Write the last seconds as a clip",
-        """Have a running instance write a clip: the seconds before now, and those after it, with pictures.
-
-        It needs `[black_box]` in the configuration, which says how many. The clip is a recording like any other; its
-        name is printed. While a clip is under way already, that one becomes longer.
-
-        **Example**
-
-        - `stadimeter clip --why "what was that?"`
-
-        **Exit code**: 0 done; 2 the run has no black box, or no instance runs.
-        """,
-    )
-    CONFIRM_MOUNTING = (
-        "confirm-mounting",
-        "Confirm that the camera may be as it is now",
-        """Confirm that the camera of a running instance may be as it is now: its present view is saved.
-
-        A check of the mounting has found that it was turned, zoomed or refocused, so its distances count
-        as unconfirmed. Measure one of them by tape before you confirm, and calibrate anew if it was zoomed or
-        refocused.
-
-        **Example**
-
-        - `stadimeter site confirm --why "aimed at the gate on purpose"`
-
-        **Exit code**: 0 done; 2 there is nothing to confirm, or no instance runs.
-        """,
-    )
+    ARM = ("arm", "Let outputs act from now on")
+    DISARM = ("disarm", "Put every output at its safe value, until the run is armed")
+    CLIP = ("clip", "Write the last seconds as a clip")
+    CONFIRM_MOUNTING = ("confirm-mounting", "Confirm that the camera may be as it is now")
 
 
 # A switch, such as Home Assistant's, sends both of its states to one topic, as `value`: true is the first action.

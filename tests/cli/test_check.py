@@ -144,7 +144,7 @@ def test_an_error_does_not_hide_the_warnings_about_other_rules(shadowed: Path) -
 
 @pytest.mark.long
 def test_the_schema_is_printed_and_nothing_else() -> None:
-    result = CliRunner().invoke(app, ["schema"])
+    result = CliRunner().invoke(app, ["check", "--schema"])
     assert result.exit_code == 0
     assert json.loads(result.stdout) == configuration_schema()
     assert result.stderr == ""

@@ -520,7 +520,7 @@ def test_without_its_watchdog_process_the_wheels_stand_until_a_release_which_sta
     assert not robot.drives()
     assert robot.board.stops_by_itself == 0
     environ = {**os.environ, "XDG_RUNTIME_DIR": str(robot.folder / "r")}
-    release = [sys.executable, "-m", "stadimeter", "stop-outputs", "--release", "--config", str(robot.config)]
+    release = [sys.executable, "-m", "stadimeter", "outputs", "release", str(robot.config)]
     said = subprocess.run(release, env=environ, capture_output=True, text=True, check=True).stdout
     assert "by the watchdog: the watchdog process has ended" in said
     assert eventually(robot.drives)

@@ -1,6 +1,7 @@
 """The command line as a whole: what it lists, and what it loads for that."""
 
 import json
+import os
 import subprocess
 import sys
 from functools import cache
@@ -10,7 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from stadimeter.cli.main import PANELS, app, place_of
+from stadimeter.cli.main import GONE, PANELS, STILL, app, place_of
 from stadimeter.config import plugins
 
 HEAVY = ("cv2", "numpy", "pydantic", "paho", "gpiozero", "serial", "stadimeter.app", "stadimeter.config")
@@ -107,9 +108,29 @@ def test_the_list_of_commands_says_what_the_command_says_itself():
         assert own == summary
 
 
-def test_the_help_lists_every_command():
+def test_the_help_lists_what_is_needed_first_and_with_all_every_command_in_groups():
     shown = CliRunner().invoke(app, ["--help"]).output
+    assert [name for name in LISTED if f"│ {name} " in shown] == [*PANELS["Start here"]]
+    assert "stadimeter help --all" in shown
+    shown = CliRunner().invoke(app, ["help", "--all"]).output
     assert [name for name in LISTED if f"│ {name} " in shown] == LISTED
+    assert [heading for heading in PANELS if f"─ {heading} ─" in shown] == [*PANELS]
+
+
+@pytest.mark.parametrize("name", GONE)
+def test_a_command_that_left_is_refused_with_what_to_do_instead(name, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "500")
+    done = CliRunner().invoke(app, name.split())
+    assert done.exit_code == 2
+    assert GONE[name] in done.output
+
+
+def test_what_stops_goes_on_under_its_old_name(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    for name, words in STILL.items():
+        done, new = CliRunner().invoke(app, [name]), CliRunner().invoke(app, [*words])
+        assert done.output == f"note: say `stadimeter {' '.join(words)}` in place of `{name}`\n{new.output}"
+        assert done.exit_code == new.exit_code == 2
 
 
 def test_help_prints_what_the_option_prints():
@@ -126,11 +147,27 @@ def test_help_on_a_command_that_is_none_says_so():
         assert "o such command" in asked.output or "there is no command" in asked.output
 
 
-def test_a_shell_completes_commands(monkeypatch):
-    monkeypatch.setenv("_STADIMETER_COMPLETE", "complete_bash")
-    monkeypatch.setenv("COMP_WORDS", "stadimeter cal")
-    monkeypatch.setenv("COMP_CWORD", "1")
-    assert "calibrate" in CliRunner().invoke(app, [], prog_name="stadimeter").output
+COMPLETED = {
+    "stadimeter cal": "calibrate",
+    "stadimeter alarm sh": "shelve",
+    "stadimeter alarm ack fo": "follow",
+    "stadimeter outputs st": "stop",
+    "stadimeter site certify --target b": "ball",
+    "stadimeter explain --config demo.toml ne": "near",
+    "stadimeter check de": "",  # a shell completes names of files itself
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("line", COMPLETED)
+def test_a_shell_completes_commands_rules_and_targets_without_another_word(line, tmp_path):
+    config = Path(__file__).parents[2] / "config"
+    words = {"COMP_WORDS": line, "COMP_CWORD": str(line.count(" ")), "_STADIMETER_COMPLETE": "complete_bash"}
+    environ = {**os.environ, **words, "XDG_RUNTIME_DIR": str(tmp_path)}
+    command = [Path(sys.executable).with_name("stadimeter")]
+    done = subprocess.run(command, env=environ, cwd=config, capture_output=True, text=True, check=False)
+    assert done.stdout.split() == COMPLETED[line].split()
+    assert done.stderr == ""
 
 
 def test_an_unknown_command_is_told_with_the_nearest_one():

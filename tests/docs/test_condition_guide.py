@@ -76,7 +76,7 @@ def test_the_condition_of_the_guide_can_be_written_and_is_described(sources):
 
 @pytest.mark.long
 def test_the_condition_of_the_guide_is_in_the_schema_and_runs(sources):
-    assert "unsure" in run(sources, "-m", "stadimeter", "schema").stdout
+    assert "unsure" in run(sources, "-m", "stadimeter", "check", "--schema").stdout
     done = run(sources, "-m", "stadimeter", "run", "dim.toml", "--frames", "5", "--speed", "0")
     assert done.returncode == 0, done.stdout + done.stderr
 

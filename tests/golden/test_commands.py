@@ -74,7 +74,8 @@ EVENTS = """\
 """
 
 ORDERS = (
-    ("status",), ("arm",), ("stop-outputs",), ("stop-outputs", "--release"), ("disarm",), ("reload",),
+    ("status",), ("outputs", "arm"), ("outputs", "stop"), ("outputs", "release"), ("outputs", "disarm"),
+    ("reload",),
     ("explain", "near"), ("alarm", "observe", "near"), ("alarm", "act", "near"), ("alarm", "ack", "near"),
     ("alarm", "shelve", "near", "--for", "1 min"), ("alarm", "unshelve", "near"),
 )  # fmt: skip

@@ -10,8 +10,7 @@ import pytest
 from openapi import openapi_document
 
 from stadimeter.app.control.messages import ARGS
-from stadimeter.cli.main import PANELS
-from stadimeter.cli.operate import alarm
+from stadimeter.cli.operate import ALARM_ACTIONS, OUTPUT_ACTIONS
 from stadimeter.operator_actions import OperatorAction
 from stadimeter.testing.rig import eventually
 from stadimeter.web.routes import PAGE_OPERATIONS, Right
@@ -45,12 +44,14 @@ def test_it_tells_the_right_the_names_and_the_kind_of_answer(place):
 
 def test_every_operator_action_is_a_path_of_the_page_a_request_of_the_run_and_a_command():
     paths = {each.op for each in PAGE_OPERATIONS if each.to == "run" and each.names_operator}
-    commands = {*(each.name for each in alarm.registered_commands), *PANELS["Operate a running instance"]}
+    commands = {*ALARM_ACTIONS.values(), *OUTPUT_ACTIONS.values()}
     for action in OperatorAction:
         assert action.command in paths
         assert action.command in ARGS
-        # as `stop-outputs --release` and `site confirm`
-        assert action.command in commands or action in {OperatorAction.RELEASE_OUTPUTS, OperatorAction.CONFIRM_MOUNTING}
+        assert action in commands or action in {
+            OperatorAction.CLIP,
+            OperatorAction.CONFIRM_MOUNTING,
+        }  # `record`, `site`
 
 
 def test_its_schemas_are_schemas_and_each_is_used():

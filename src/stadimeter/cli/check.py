@@ -1,4 +1,4 @@
-"""The commands ``check`` and ``schema``: what is wrong with a configuration or what it does, and what may be in one."""
+"""The command ``check``: what is wrong with a configuration or what it does, and what may be in one."""
 
 from __future__ import annotations
 
@@ -42,6 +42,9 @@ def check(
     elsewhere: Annotated[
         bool, typer.Option("--elsewhere", help="Leave out what this computer lacks: it runs on another one.")
     ] = False,
+    schema: Annotated[
+        bool, typer.Option("--schema", help="Print a JSON Schema of configurations instead, for editors.")
+    ] = False,
 ) -> None:
     """Check a configuration: print every error in one pass, or say in words what it does.
 
@@ -51,13 +54,22 @@ def check(
     run it: a camera, a serial port, a library, a permission. Nothing is opened and nothing moves. Root sees what the
     service would: a configuration in /etc/stadimeter is checked as the service's user.
 
-    **Example**
+    --schema knows every driver that is installed here, and its keys. Put `#:schema ./stadimeter.schema.json` into the
+    first line of a configuration, and editors with a TOML language server complete and check while you write, such as
+    Visual Studio Code with Even Better TOML.
+
+    **Examples**
 
     - `stadimeter check config/follow-ball.toml --strict`
+
+    - `stadimeter check --schema > stadimeter.schema.json`
 
     **Exit code**: 0 the configuration can be used; 1 with --strict, it can be used and there is a warning; 2 it cannot
     be used.
     """
+    if schema:  # editors read it, and people do not: it is half as long without white space
+        typer.echo(json.dumps(configuration_schema(), separators=(",", ":"), ensure_ascii=False))
+        return
     with plain_errors():
         path = configuration_path(config)
     of_service = become_service_user(path)
@@ -207,23 +219,3 @@ def _lines(file: str) -> list[str]:
         return read_untrusted_text(Path(file), CONFIGURATION_MAX_BYTES).split("\n") if file else []
     except UnreadableError:
         return []
-
-
-def schema() -> None:
-    """Print a JSON Schema of configurations, for editors that complete and check while you write.
-
-    It knows every driver that is installed here, and its keys. Put a first line into the configuration, and editors
-    with a TOML language server, such as Visual Studio Code with Even Better TOML, use it:
-
-    `#:schema ./stadimeter.schema.json`
-
-    What only the whole configuration can tell, `stadimeter check` finds.
-
-    **Example**
-
-    - `stadimeter schema > stadimeter.schema.json`
-
-    **Exit code**: 0 done.
-    """
-    # Editors read it, and people do not: it is half as long without white space.
-    typer.echo(json.dumps(configuration_schema(), separators=(",", ":"), ensure_ascii=False))

@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.text import Text
+from typer.core import TyperCommand, TyperGroup
 
 import stadimeter
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, working
@@ -38,7 +39,49 @@ COUNTED = {
 }
 
 
-def doctor(
+class _Doctor(TyperGroup):
+    """Examines the computer where nothing else is named."""
+
+    default = "computer"
+
+    def __init__(self, **how: Any) -> None:
+        super().__init__(**how)
+        summary = "Say what the file of a neural network is, and fetch one that finds faces."
+        self.add_command(TyperCommand("models", help=summary))
+
+    def load(self, name: str) -> Any:
+        """Load a command: that of networks needs the libraries that an examination may find broken."""
+        if name == "models":
+            from stadimeter.cli.models import models  # noqa: PLC0415
+
+            alone = typer.Typer(rich_markup_mode="markdown", add_completion=False)
+            alone.command(name)(models)
+            self.add_command(typer.main.get_command(alone))
+        return self.commands[name]
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put the examination before arguments that are for it."""
+        if not args or args[0] not in {*self.commands, *ctx.help_option_names}:
+            args = [self.default, *args]
+        if args[0] in self.commands:
+            self.load(args[0])
+        return super().parse_args(ctx, args)
+
+
+doctor = typer.Typer(cls=_Doctor, rich_markup_mode="markdown")
+
+
+@doctor.callback()
+def _doctor() -> None:
+    """Find what keeps stadimeter from working on this computer, with one remedy for each.
+
+    `stadimeter doctor` examines the computer; `stadimeter doctor CONFIG` looks at what that names. `stadimeter doctor
+    models` examines a neural network.
+    """
+
+
+@doctor.command()
+def computer(
     *,
     config: Annotated[
         Path | None,

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from stadimeter.app.control.messages import as_data
+from stadimeter.cli.completion import complete_rule
 from stadimeter.cli.exits import plain_errors
 from stadimeter.cli.operate import JsonOption, SocketOption, ask_and_introduce, print_answer
 from stadimeter.config.findings import did_you_mean_or_list
@@ -26,7 +27,7 @@ ROUNDING_S = 1e-6
 
 
 def explain_command(
-    rule: Annotated[str, typer.Argument(metavar="RULE", help="The rule.")],
+    rule: Annotated[str, typer.Argument(metavar="RULE", help="The rule.", autocompletion=complete_rule)],
     at: Annotated[
         str | None,
         typer.Option(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import gc
+import os
 import sys
 import unicodedata
 from collections.abc import Mapping
@@ -15,54 +16,53 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import stadimeter
-from stadimeter.cli.exits import WRONG, end_without_space, working
+from stadimeter.cli.exits import SWITCH, WRONG, end_without_space, working
 
 # Loading the libraries of a command is announced where it takes longer than on any computer but a small or busy one.
 SLOW_START_S = 1.0
 
-# The first sentence of the help of each command, by heading.
+# The first sentence of the help of each command, by heading. Those of the first heading are shown first.
 PANELS: Mapping[str, Mapping[str, str]] = {
-    "Run": {
+    "Start here": {
         "demo": "Watch a simulated ball being measured, followed and reported. Needs no hardware.",
         "init": "Write a first configuration: asks for camera, target and what shall happen, one thing at a time.",
         "run": "Measure, decide and act, until stopped.",
-        "web": "Serve a page on which a browser sees, sets up and operates a run.",
+        "measure": "Measure how far away a target is in pictures, in videos, or before a camera.",
+        "calibrate": "Find out a camera's focal length, write its camera file, and check it; or how large a thing is.",
+        "check": "Check a configuration: print every error in one pass, or say in words what it does.",
+        "explain": "Explain why a rule acts, or why it does not.",
         "doctor": "Find what keeps stadimeter from working on this computer, with one remedy for each.",
-        "help": "Print the help of a command, or the list of commands.",
     },
     "Measure and calibrate": {
         "cameras": "List the cameras on this computer, each by the path that stays right.",
         "snapshot": "Take a picture with exactly the settings that `run` uses.",
-        "measure": "Measure how far away a target is in pictures, in videos, or before a camera.",
         "colour": "Find out the range of colours of a ball, from a picture and a place in it.",
-        "calibrate": "Find out a camera's focal length, write its camera file, and check it; or how large a thing is.",
         "site": "Certify how right distances are at this place, and see whether the camera is still where it was.",
-        "models": "Say what the file of a neural network is, and fetch one that finds faces.",
         "print": "Make tags, boards and discs to print, at true scale.",
     },
     "Rules": {
-        "check": "Check a configuration: print every error in one pass, or say in words what it does.",
         "drive": "Turn each wheel of a robot a little, to learn which motor drives it, and which way.",
         "wiring": "Draw what hangs on which pin of the Raspberry Pi, from a configuration.",
         "test": "Run the tests of a configuration. Nothing is opened and nothing moves.",
-        "explain": "Explain why a rule acts, or why it does not.",
         "replay": "Run rules over a recording. Nothing is opened and nothing moves.",
         "tune": "Find thresholds, delays and deadband of an alarm by recordings, and say what each would have done.",
-        "schema": "Print a JSON Schema of configurations, for editors that complete and check while you write.",
     },
     "Operate a running instance": {
+        "stop": "Put every output of a running instance at its safe value, until `stadimeter outputs release`.",
+        "outputs": "Stop, release, arm or disarm the outputs of a running instance, or make them safe where none runs.",
         "status": "Print the state of every rule of a running instance, and the reason.",
         "events": "Print what the rules and faults of the service did, and when.",
-        "reload": "Apply the edited configuration of a running instance without a restart, if it passes `check`.",
-        "stop-outputs": "Put every output of a running instance at its safe value, until they are released.",
-        "arm": "Arm a running instance: from now on its outputs may act.",
-        "disarm": "Disarm a running instance: every output is at its safe value until it is armed.",
-        "clip": "Have a running instance write a clip: the seconds before now, and those after it, with pictures.",
-        "safe": "Make every output of a configuration safe by hand, when no run drives it.",
         "alarm": "Acknowledge, reset or shelve an alarm of a running instance, and more.",
+        "reload": "Apply the edited configuration of a running instance without a restart, if it passes `check`.",
+        "record": "Have a running instance record with pictures: from now on, or as a clip of the seconds around now.",
+        "web": "Serve a page on which a browser sees, sets up and operates a run.",
         "fleet": "Show every device at a broker, and one list of standing alarms.",
     },
+    "Help": {
+        "help": "Print the help of a command, or the list of commands: with --all every one.",
+    },
 }
+FIRST = frozenset(PANELS["Start here"])
 
 # The module and the function (or group) of a command, where it has not the command's name twice.
 _PLACES = {
@@ -70,18 +70,16 @@ _PLACES = {
     "snapshot": "cameras:snapshot",
     "print": "print_target:print_group",
     "test": "test_rules:run_tests",
-    "schema": "check:schema",
     "wiring": "print_target:wiring",
     "explain": "explain:explain_command",
     "tune": "tune:tune_command",
     "status": "operate:status",
     "events": "events:events",
     "reload": "operate:reload",
-    "stop-outputs": "operate:stop_outputs",
-    "arm": "operate:arm",
-    "disarm": "operate:disarm",
-    "clip": "operate:clip",
     "alarm": "operate:alarm",
+    "outputs": "operate:outputs",
+    "stop": "operate:stop",
+    "record": "operate:record",
 }
 
 
@@ -91,10 +89,18 @@ def place_of(name: str) -> tuple[str, str]:
     return f"stadimeter.cli.{module}", function
 
 
+# What stops something goes on under its old name: no script shall fail at that.
+STILL = {"stop-outputs": ("outputs", "stop"), "disarm": ("outputs", "disarm"), "safe": ("outputs", "safe")}
+
 # What was a command once, and what to do in its place.
 GONE = {
     "what-if": "`stadimeter tune RULE RECORDING --set KEY=VALUE` tries other settings of an alarm",
     "teach": "`stadimeter tune RULE --mark MARK` finds settings that meet marks; `--save 1` saves the first",
+    "stop-outputs --release": "`stadimeter outputs release` does it",
+    "arm": "`stadimeter outputs arm` does it",
+    "clip": "`stadimeter record --clip` does it",
+    "models": "`stadimeter doctor models FILE` says what a network is, and `doctor models NAME` fetches one",
+    "schema": "`stadimeter check --schema` prints it",
     "locate": "`stadimeter measure PICTURE --where --config CONFIG` prints where the camera was",
     "certify": "`stadimeter site certify` does it",
     "mounting": "`stadimeter site save`, `site check` and `site confirm` do it",
@@ -111,6 +117,7 @@ class Commands(TyperGroup):
 
     def __init__(self, **how: Any) -> None:
         super().__init__(**how)
+        self.shows_all = self._shows_first = False
         self._panels = {name: panel for panel, commands in PANELS.items() for name in commands}
         for name, panel in self._panels.items():
             self._add(TyperCommand(name, help=PANELS[panel][name], rich_markup_mode=self.rich_markup_mode), panel)
@@ -119,10 +126,26 @@ class Commands(TyperGroup):
         command.rich_help_panel = panel
         self.add_command(command)
 
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the commands that are shown: those for the first hour, unless all are asked for."""
+        return [name for name in super().list_commands(ctx) if name in FIRST or not self._shows_first]
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Print the help, with the commands for the first hour, or with all of them."""
+        self._shows_first = not self.shows_all
+        super().format_help(ctx, formatter)
+        self._shows_first = False
+
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Load the command that is called, and let the group go on with it."""
-        if args and args[0] in GONE:
-            ctx.fail(f"there is no command '{args[0]}' any more: {GONE[args[0]]}")
+        called = args[0] if args else ""
+        if called == "stop-outputs" and "--release" in args:
+            called = "stop-outputs --release"
+        if called in GONE:
+            ctx.fail(f"there is no command '{called}' any more: {GONE[called]}")
+        if called in STILL:
+            typer.echo(f"note: say `stadimeter {' '.join(STILL[called])}` in place of `{called}`", err=True)
+            args = [*STILL[called], *args[1:]]
         if args and args[0] in self._panels:
             self.load(args[0])
         return super().resolve_command(ctx, args)
@@ -172,6 +195,7 @@ def _stadimeter(
 
     Start with `stadimeter demo`, which needs no hardware. Then find out the `colour` of your ball, `calibrate` the
     camera with one picture at a known distance, `measure` some pictures, `check` a configuration and `run` it.
+    `stadimeter help --all` lists every command, and `stadimeter stop` stops what moves.
     """
 
 
@@ -180,12 +204,13 @@ def show_help(
     names: Annotated[
         list[str] | None, typer.Argument(metavar="COMMAND…", help="A command, such as measure or calibrate distance.")
     ] = None,
+    every: Annotated[bool, typer.Option("--all", help="List every command, by what it is for.")] = False,
 ) -> None:
-    """Print the help of a command, or the list of commands.
+    """Print the help of a command, or the list of commands: with --all every one.
 
     **Examples**
 
-    - `stadimeter help`
+    - `stadimeter help --all`
 
     - `stadimeter help measure`
 
@@ -194,6 +219,7 @@ def show_help(
     **Exit code**: 0 done; 2 there is no such command.
     """
     above: Any = context.parent
+    above.command.shows_all = every
     for name in names or []:
         group = above.command
         _, command, _ = group.resolve_command(above, [name]) if hasattr(group, "commands") else (name, None, [])
@@ -267,6 +293,8 @@ def main() -> None:
             write_plainly(stream)
     if isinstance(sys.stdin, TextIOWrapper):
         sys.stdin.reconfigure(errors="replace")  # what is typed need not be text either
+    if "_STADIMETER_COMPLETE" in os.environ:
+        os.environ[SWITCH] = "off"  # what is completed stands on the prompt's line, where no progress belongs
     try:
         app()
     except OSError as error:

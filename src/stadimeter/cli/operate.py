@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import getpass
-import inspect
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,11 +14,12 @@ import typer
 
 from stadimeter.app.control.client import ANSWER_WAIT_S, Instance, ask, describe_reload, find, introduce
 from stadimeter.app.places import CERTIFICATE, running
-from stadimeter.cli.exits import plain_errors, read_option
+from stadimeter.cli.completion import complete_rule, completing
+from stadimeter.cli.exits import WRONG, configuration_path, plain_errors, read_option
 from stadimeter.config.files import CONFIGURATION_MAX_BYTES, JSON_MAX_BYTES, is_file, read_untrusted_text, sha256_of
 from stadimeter.config.units import parse_duration
 from stadimeter.core.words import rounded_duration
-from stadimeter.errors import ConfigError, ControlError, Problem, UnreadableError
+from stadimeter.errors import ConfigError, ControlError, DriverError, Problem, UnreadableError
 from stadimeter.operator_actions import OperatorAction
 
 ConfigOption = Annotated[
@@ -37,121 +37,247 @@ ByOption = Annotated[
 WhyOption = Annotated[str, typer.Option("--why", metavar="TEXT", help="Why; it is recorded with the event.")]
 
 
-RuleName = Annotated[str | None, typer.Argument(metavar="RULE", help="The rule, by its name in the configuration.")]
-For = Annotated[
-    str | None,
-    typer.Option("--for", metavar="TIME", help='For how long, such as "30 min"; else as long as the rule allows.'),
-]
-OneShot = Annotated[
-    bool, typer.Option("--one-shot", help="Only until the alarm has returned to normal, or the time is over.")
-]
-All = Annotated[bool, typer.Option("--all", help="Every rule that it applies to, instead of RULE.")]
-
-Value = Annotated[str, typer.Argument(metavar="VALUE", help='The threshold with its unit, such as "60 cm".')]
-Key = Annotated[
-    str, typer.Option("--key", metavar="NAME", help="Which threshold of the rule, such as `below`, if it has several.")
-]
-
 # A configuration with many targets takes a small computer some seconds to check.
 CHECK_WAIT_S = 60.0
 
-alarm = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
+ALARM_ACTIONS = {action.command: action for action in OperatorAction if not action.is_on_outputs}
+ALARM_HELP = f"""Acknowledge, reset or shelve an alarm of a running instance, and more.
+
+Names a rule of the configuration, or says `--all`. It is recorded who gave the command, when and why. ACTION is one of
+
+{chr(10).join(f"- `{name}`: {each.summary}. {each.more}" for name, each in ALARM_ACTIONS.items())}
+
+**Examples**
+
+{(chr(10) * 2).join(f"- `stadimeter alarm {each.example}`" for each in ALARM_ACTIONS.values())}
+
+**Exit code**: 0 done; 2 the action does not apply to the rule as it is now, no such rule, or no running instance.
+"""
 
 
-@alarm.callback()
-def _alarm() -> None:
-    """Acknowledge, reset or shelve an alarm of a running instance, and more.
-
-    Every command names a rule of the configuration, or says `--all`. It is recorded who gave it, when and why.
-    """
-
-
-def _alarm_command(action: OperatorAction) -> Callable[..., None]:
-    """Return the function of an operator command; its arguments are those of the command line."""
-
-    def command(
-        rule: RuleName = None,
-        value: Value = "",
-        every: All = False,
-        key: Key = "",
-        for_: For = None,
-        one_shot: OneShot = False,
-        by: ByOption = None,
-        why: WhyOption = "",
-        config: ConfigOption = None,
-        socket: SocketOption = None,
-        as_json: JsonOption = False,
-    ) -> None:
-        args: dict[str, object] = {"rule": _rule(rule, every=every), "by": who(by), "why": why}
-        with plain_errors():
-            taken = {"one_shot": one_shot, "for_s": _for_s(for_), "key": key, "value": value}
-            args |= {name: taken[name] for name in action.takes}
-            data = ask_instance(action.command, args, config, socket)
-        print_answer(data, data["words"], as_json=as_json)
-
-    signature = inspect.signature(command, eval_str=True)
-    vars(command)["__signature__"] = signature.replace(parameters=[*_options(action, signature)])
-    return command
-
-
-def _options(action: OperatorAction, signature: inspect.Signature) -> Iterator[inspect.Parameter]:
-    """Yield the options that an action has. One that takes a value needs it, and is for one rule."""
-    of_some = {"for_": "for_s", "one_shot": "one_shot", "key": "key", "value": "value"}
-    for name, option in signature.parameters.items():
-        if of_some.get(name) not in {None, *action.takes} or (name == "every" and action.needs_value):
-            continue
-        is_needed = action.needs_value and name in {"rule", "value"}
-        yield option.replace(default=inspect.Parameter.empty) if is_needed else option
-
-
-for _action in OperatorAction:
-    if not _action.is_on_outputs:
-        alarm.command(_action.command, help=_action.help)(_alarm_command(_action))
-
-
-def stop_outputs(
-    release: Annotated[bool, typer.Option("--release", help="Let them act again.")] = False,
+def alarm(
+    action: Annotated[str, typer.Argument(metavar="ACTION", autocompletion=completing(ALARM_ACTIONS))],
+    rule: Annotated[
+        str | None,
+        typer.Argument(metavar="RULE", help="Its name in the configuration.", autocompletion=complete_rule),
+    ] = None,
+    value: Annotated[str, typer.Argument(metavar="VALUE", help='A threshold with its unit, such as "60 cm".')] = "",
+    every: Annotated[bool, typer.Option("--all", help="Every rule that it applies to, instead of RULE.")] = False,
+    key: Annotated[
+        str, typer.Option("--key", metavar="NAME", help="Which threshold of the rule, such as `below`.")
+    ] = "",
+    for_: Annotated[
+        str | None,
+        typer.Option("--for", metavar="TIME", help='For how long, such as "30 min"; else as long as the rule allows.'),
+    ] = None,
+    one_shot: Annotated[
+        bool, typer.Option("--one-shot", help="Only until the alarm has returned to normal, or the time is over.")
+    ] = False,
     by: ByOption = None,
     why: WhyOption = "",
     config: ConfigOption = None,
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Stop every output of one running instance, or of all; or release them. The table of actions has the help."""
-    action = OperatorAction.RELEASE_OUTPUTS if release else OperatorAction.STOP_OUTPUTS
-    args = {"by": who(by), "why": why}
+    """Act on an alarm; `ALARM_HELP` has the help."""
+    meant = _one_of(ALARM_ACTIONS, action)
+    given = {"for_s": for_ is not None, "one_shot": one_shot, "key": bool(key), "value": bool(value)}
+    options = {"for_s": "--for", "one_shot": "--one-shot", "key": "--key", "value": "VALUE"}
+    for name, is_given in given.items():
+        if is_given and name not in meant.takes:
+            raise typer.BadParameter(f"`alarm {action}` takes no {options[name]}")
+    if meant.needs_value and not (rule and value):
+        raise typer.BadParameter(f"name a RULE and a VALUE: stadimeter alarm {meant.example}")
+    args: dict[str, object] = {"rule": _rule(rule, every=every), "by": who(by), "why": why}
     with plain_errors():
-        if release or config is not None or socket is not None:
-            data = ask_instance(action.command, args, config, socket)
-        else:
-            data = ask_all(action.command, args)
+        taken = {"one_shot": one_shot, "for_s": _for_s(for_), "key": key, "value": value}
+        args |= {name: taken[name] for name in meant.takes}
+        data = ask_instance(meant.command, args, config, socket)
     print_answer(data, data["words"], as_json=as_json)
 
 
-stop_outputs.__doc__ = OperatorAction.STOP_OUTPUTS.help
+alarm.__doc__ = ALARM_HELP
 
 
-def _command(action: OperatorAction) -> Callable[..., None]:
-    """Return the function of a command for one instance that takes no more than who gives it, and why."""
-
-    def command(
-        by: ByOption = None,
-        why: WhyOption = "",
-        config: ConfigOption = None,
-        socket: SocketOption = None,
-        as_json: JsonOption = False,
-    ) -> None:
-        with plain_errors():
-            data = ask_instance(action.command, {"by": who(by), "why": why}, config, socket)
-        print_answer(data, data["words"], as_json=as_json)
-
-    command.__doc__ = action.help
-    return command
+def _one_of(actions: Mapping[str, OperatorAction], name: str) -> OperatorAction:
+    if name not in actions:
+        raise typer.BadParameter(f"{name!r} is no ACTION: {', '.join(actions)}")
+    return actions[name]
 
 
-arm, disarm, clip, confirm = map(
-    _command, (OperatorAction.ARM, OperatorAction.DISARM, OperatorAction.CLIP, OperatorAction.CONFIRM_MOUNTING)
-)
+OUTPUT_ACTIONS = {
+    "stop": OperatorAction.STOP_OUTPUTS,
+    "release": OperatorAction.RELEASE_OUTPUTS,
+    "arm": OperatorAction.ARM,
+    "disarm": OperatorAction.DISARM,
+}
+MadeSafe = Annotated[
+    Path | None,
+    typer.Argument(metavar="[CONFIG]", help="The configuration of the instance, if several run; that of `safe`."),
+]
+
+
+def outputs(
+    action: Annotated[str, typer.Argument(metavar="ACTION", autocompletion=completing((*OUTPUT_ACTIONS, "safe")))],
+    named: MadeSafe = None,
+    by: ByOption = None,
+    why: WhyOption = "",
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Stop, release, arm or disarm the outputs of a running instance, or make them safe where none runs.
+
+    ACTION is one of
+
+    - `stop`: every actuator goes to its `safe` level, a base stands still, and all holds end, until released. No rule
+      stands before that, of whatever severity; alarms are raised and announced as ever. It outlasts a reload, and a
+      restart of a run that keeps its state. If several instances run and none is named, all are stopped. `stadimeter
+      stop` does the same. It is no emergency stop: that is a switch in the supply.
+    - `release`: stopped outputs may act again.
+    - `arm`: with `safety.arm = "by-command"` or `"by-button"` a run begins disarmed, with every output at its safe
+      value. A base whose driver failed disarms it again. Arming is refused while no fresh frames come, while the base
+      is out of order, while outputs are stopped, and always with `"by-button"`: only a button arms then.
+    - `disarm`: as `stop` until armed, for one instance, and not beyond the end of the run.
+    - `safe`: where no run drives them, the outputs of CONFIG are made safe by hand, as the watchdog process of a run
+      does when the run dies: pins are driven to the level at which they are off, and bases and boards get what stops
+      them. Opening a serial port resets most Arduinos, which stops their motors too. While a run of CONFIG goes on,
+      this is refused, since both would drive the outputs.
+
+    **Examples**
+
+    - `stadimeter outputs stop --why "a child is in the room"`
+
+    - `stadimeter outputs release`
+
+    - `stadimeter outputs arm --why "the floor is clear"`
+
+    - `stadimeter outputs safe config/follow-ball.toml`
+
+    **Exit code**: 0 done, also if it was done already; 2 refused, no instance runs, one of them does not answer, or an
+    output could not be made safe.
+    """
+    which = config or named
+    with plain_errors():
+        if action == "safe":
+            data = _make_safe(configuration_path(which))
+        elif action == "stop" and which is None and socket is None:
+            data = ask_all(OUTPUT_ACTIONS["stop"].command, {"by": who(by), "why": why})
+        else:
+            args = {"by": who(by), "why": why}
+            data = ask_instance(_one_of(OUTPUT_ACTIONS, action).command, args, which, socket)
+    print_answer(data, data["words"], as_json=as_json)
+
+
+def stop(
+    named: MadeSafe = None,
+    by: ByOption = None,
+    why: WhyOption = "",
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Put every output of a running instance at its safe value, until `stadimeter outputs release`.
+
+    The same as `stadimeter outputs stop`, whose help says more. If several instances run and none is named, all are
+    stopped: a stop does not wait for an answer.
+
+    **Example**
+
+    - `stadimeter stop --why "a child is in the room"`
+
+    **Exit code**: 0 done, also if it was done already; 2 no instance runs, or one of them does not answer.
+    """
+    outputs("stop", named, by, why, config, socket, as_json)
+
+
+def _make_safe(path: Path) -> Mapping[str, Any]:
+    """Make every output of a configuration safe where no run drives it; say on standard error what could not be."""
+    from stadimeter.app.service import held_lines  # noqa: PLC0415 - the other commands only ask a run
+    from stadimeter.config.loader import load_configuration  # noqa: PLC0415
+    from stadimeter.watchdog.plan import SafePlan  # noqa: PLC0415
+    from stadimeter.watchdog.stops import make_safe  # noqa: PLC0415
+
+    configuration = load_configuration(path, with_tests=False)
+    try:
+        socket = find(path)
+    except ControlError:  # none runs, or none that could be asked
+        pass
+    else:
+        raise DriverError(f"a run drives these outputs (it listens at {socket}): use `stadimeter stop`")
+    lines = held_lines(configuration)
+    plan = SafePlan(lines)
+    troubles = [*plan.complaints, *make_safe(plan)]
+    for trouble in troubles:
+        typer.echo(f"error: {trouble}", err=True)
+    if troubles:
+        raise typer.Exit(WRONG)
+    words = "\n".join(f"safe: {line}" for line in lines) or "nothing to do: every output is simulated"
+    return {"words": words, "safe": lines}
+
+
+def record(
+    stops: Annotated[bool, typer.Option("--stop", help="End the recording under way.")] = False,
+    clip: Annotated[bool, typer.Option("--clip", help="A clip: the seconds before now, and those after it.")] = False,
+    by: ByOption = None,
+    why: WhyOption = "",
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Have a running instance record with pictures: from now on, or as a clip of the seconds around now.
+
+    A recording goes on until `--stop`, or until it is an hour long. `--clip` needs `[black_box]` in the configuration,
+    which says how many seconds; while a clip is under way already, that one becomes longer. Both are recordings like
+    any other, whose name is printed.
+
+    **Examples**
+
+    - `stadimeter record`
+
+    - `stadimeter record --stop`
+
+    - `stadimeter record --clip --why "what was that?"`
+
+    **Exit code**: 0 done; 2 it cannot be recorded now, the run has no black box, or no instance runs.
+    """
+    if clip and stops:
+        raise typer.BadParameter("say --clip or --stop, and not both")
+    with plain_errors():
+        if clip:
+            data = ask_instance(OperatorAction.CLIP.command, {"by": who(by), "why": why}, config, socket)
+        else:
+            data = ask_instance("record", {"do": "stop" if stops else "start"}, config, socket, CHECK_WAIT_S)
+    print_answer(
+        data,
+        data.get("words") or f"{'recorded' if stops else 'recording'}: {data.get('path') or data['file']}",
+        as_json=as_json,
+    )
+
+
+def confirm(
+    by: ByOption = None,
+    why: WhyOption = "",
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Confirm that the camera of a running instance may be as it is now: its present view is saved.
+
+    A check of the mounting has found that it was turned, zoomed or refocused, so its distances count
+    as unconfirmed. Measure one of them by tape before you confirm, and calibrate anew if it was zoomed or
+    refocused.
+
+    **Example**
+
+    - `stadimeter site confirm --why "aimed at the gate on purpose"`
+
+    **Exit code**: 0 done; 2 there is nothing to confirm, or no instance runs.
+    """
+    with plain_errors():
+        args = {"by": who(by), "why": why}
+        data = ask_instance(OperatorAction.CONFIRM_MOUNTING.command, args, config, socket)
+    print_answer(data, data["words"], as_json=as_json)
 
 
 def reload(config: ConfigOption = None, socket: SocketOption = None, as_json: JsonOption = False) -> None:

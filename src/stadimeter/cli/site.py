@@ -9,6 +9,7 @@ from pathlib import Path
 import typer
 
 from stadimeter.app.places import CERTIFICATE
+from stadimeter.cli.completion import complete_target
 from stadimeter.cli.exits import DONE, NOT_FOUND, ConfigArgument, configuration_path, plain_errors, say_note
 from stadimeter.cli.operate import confirm
 from stadimeter.cli.target_options import Option, ask_until, give_up, parse_known_length, takes_options
@@ -88,7 +89,7 @@ def _loaded(config: Path | None) -> Configuration:
     pictures=Option("PATH", "Pictures taken at each --at: a folder or a pattern for each."),
     tape=Option("LENGTH", "How well a placement is known: one standard deviation."),
     seconds=Option("", "How long to watch at each distance.", limits=(0.1, 60.0)),
-    name=Option("NAME", "The target to certify with; else the first one.", flags="--target"),
+    name=Option("NAME", "The target to certify with; else the first.", flags="--target", completes=complete_target),
     correct=Option("", "Write a focal length with the right scale into the camera file."),
     anew=Option("", "Forget what an earlier, unfinished measurement left."),
 )

@@ -47,6 +47,7 @@ class Option(Struct, frozen=True):
         kind: The type of the value of an option that describes a target.
         flags: Its flags; empty for the name of the argument.
         limits: The least and the most that a number may be.
+        completes: Completes its value in a shell.
     """
 
     metavar: str
@@ -55,12 +56,14 @@ class Option(Struct, frozen=True):
     kind: Any = str | None
     flags: str = ""
     limits: tuple[float, float] | None = None
+    completes: Callable[..., list[str]] | None = None
 
     def annotate(self, kind: Any, flags: str) -> Any:
         """Return the type of an argument that has this option, for typer."""
         least, most = self.limits or (None, None)
         names = (self.flags or flags).split()
-        return Annotated[kind, typer.Option(*names, metavar=self.metavar or None, help=self.help, min=least, max=most)]
+        how: dict[str, Any] = {"help": self.help, "min": least, "max": most, "autocompletion": self.completes}
+        return Annotated[kind, typer.Option(*names, metavar=self.metavar or None, **how)]
 
 
 # The options that describe a target, in the order of the help.

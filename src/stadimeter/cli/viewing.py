@@ -18,7 +18,6 @@ from msgspec import Struct
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.snapshot import looked_at
 from stadimeter.app.loop import Loop
-from stadimeter.app.watching import live_feed
 from stadimeter.cli.formatting import (
     format_best,
     format_distance,
@@ -172,7 +171,8 @@ def live_or_plain() -> View:
 def show(loop: Loop, showing: Showing) -> Iterator[None]:
     """Show a run until the context ends."""
     if showing.view == "live":
-        from stadimeter.cli.live_view import LiveView  # noqa: PLC0415 - it takes long, and few runs show it
+        from stadimeter.app.watching import live_feed  # noqa: PLC0415 - it takes long, and few runs show it
+        from stadimeter.cli.live_view import LiveView  # noqa: PLC0415
 
         live = LiveView(showing.title, live_feed(loop), unit=showing.unit, keys=showing.keys)
         with showing.keys.keyboard, _feed(loop, live.update, live):

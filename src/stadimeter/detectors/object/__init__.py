@@ -77,7 +77,7 @@ class ObjectOptions(DriverOptions):
             try:
                 recognise(load_model(path), name)
             except ValueError as error:
-                raise ValueError(f"{path}: {error}; `stadimeter models check {path}` says what it is") from error
+                raise ValueError(f"{path}: {error}; `stadimeter doctor models {path}` says what it is") from error
         return name
 
     @field_validator("class_name")

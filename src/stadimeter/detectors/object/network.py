@@ -1,4 +1,4 @@
-"""A network that is loaded: from a picture to boxes in it, and what `stadimeter models check` says of its file."""
+"""A network that is loaded: from a picture to boxes in it, and what `stadimeter doctor models` says of its file."""
 
 from __future__ import annotations
 
