@@ -146,7 +146,7 @@ def test_a_link_stays_a_link_and_the_file_that_it_leads_to_is_replaced(tmp_path:
 WRITES_FILES = {"write_text", "write_bytes", "imwrite", "savefig", "tofile", "savez", "mkstemp", "NamedTemporaryFile"}
 SAVES = {
     "app/service.py": "a counter of failed starts, which counts from 0 where it cannot be read",
-    "workbench/doctor/examination.py": "a list for a program that only reads it, which is deleted after",
+    "workbench/doctor/checks.py": "a list for a program that only reads it, which is deleted after",
     "web/passwords.py": "a hidden file first, as there; the page imports nothing of `config`",
 }
 
@@ -207,7 +207,6 @@ LOOKS = {
     "detectors/object/model_file.py": "what kind of path it is; reading fails by itself",
     "workbench/colour_aids.py": "how a name is split; reading fails by itself",
     "workbench/doctor/computer.py": "a finding",
-    "workbench/doctor/examined.py": "a finding",
     "workbench/frame_source.py": "why there is no picture",
     "workbench/server/tuning.py": "which files are recordings; reading fails by itself",
     "workbench/saving.py": "under the lock of every saver, or a list of what is kept",

@@ -15,9 +15,8 @@ from typing import Any
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from stadimeter.workbench.doctor.computer import CommandResult, Computer, Diagnosis
-from stadimeter.workbench.doctor.examination import CHECKS
-from stadimeter.workbench.doctor.examined import Examined
+from stadimeter.workbench.doctor.checks import CHECKS
+from stadimeter.workbench.doctor.computer import CommandResult, Computer, Diagnosis, Examined
 
 GROUP = "root:x:0:\ndialout:x:20:{dialout}\nvideo:x:44:{video}\ngpio:x:986:{gpio}\n"
 PASSWD = "root:x:0:0:root:/root:/bin/bash\nmaker:x:1000:1000:,,,:/home/maker:/bin/bash\n"

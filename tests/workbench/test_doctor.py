@@ -11,9 +11,16 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.workbench.doctor.computer import PROBE, Computer, Diagnosis, DiagnosisSeverity, run_command
-from stadimeter.workbench.doctor.devices import IN_USE
-from stadimeter.workbench.doctor.examined import INSTALLED, Examined
+from stadimeter.workbench.doctor.checks import IN_USE
+from stadimeter.workbench.doctor.computer import (
+    INSTALLED,
+    PROBE,
+    Computer,
+    Diagnosis,
+    DiagnosisSeverity,
+    Examined,
+    run_command,
+)
 from support.captured_computers import (
     APT,
     GROUP,

@@ -22,9 +22,8 @@ from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, working
 from stadimeter.config.extras import guide
 from stadimeter.core.words import one_line
 from stadimeter.errors import ConfigError
-from stadimeter.workbench.doctor.computer import Computer, Diagnosis, DiagnosisSeverity
-from stadimeter.workbench.doctor.examination import CHECKS, Check
-from stadimeter.workbench.doctor.examined import Examined
+from stadimeter.workbench.doctor.checks import CHECKS, Check
+from stadimeter.workbench.doctor.computer import Computer, Diagnosis, DiagnosisSeverity, Examined
 
 MARKS = {
     DiagnosisSeverity.FINE: ("✓", "green"),

@@ -14,7 +14,9 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +24,7 @@ from msgspec import Struct, field
 
 from stadimeter.app.clock import is_synchronised
 from stadimeter.config.extras import NUMPY_1, PACKAGE_AGAIN, PACKAGED, PICAMERA2, PICAMERA2_TOO_OLD, SEE_SYSTEM
-from stadimeter.errors import Problem
+from stadimeter.errors import ConfigError, Problem, StadimeterError
 
 if TYPE_CHECKING:  # reading a configuration loads the libraries that may be broken
     from stadimeter.config.loader import Configuration
@@ -321,3 +323,96 @@ def _again(python: dict[str, Any], library: str = "stadimeter") -> str:
 
 def _pip(python: dict[str, Any]) -> str:
     return f"{shlex.quote(python['runs'])} -m pip install"
+
+
+# The subject of the examination -------------------------------------------------------------------------------------
+
+# The configuration of the service, which is looked at if no other is named.
+INSTALLED = "/etc/stadimeter/appliance.toml"
+
+UNIT = "stadimeter.service"
+SUDO = "call doctor with `sudo`"
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A computer and a configuration, which is read when it is first asked for.
+
+    Attributes:
+        path: The configuration; None for that of the service, if there is one.
+    """
+
+    computer: Computer
+    path: Path | None = None
+
+    @cached_property
+    def imports(self) -> Imports:
+        """The outcome of importing the libraries."""
+        return import_libraries(self.computer)
+
+    @cached_property
+    def libraries(self) -> tuple[Diagnosis, ...]:
+        """The findings on the libraries."""
+        return tuple(libraries(self.imports))
+
+    @property
+    def is_of_service(self) -> bool:
+        """True if the configuration is that of the service."""
+        return self.path is None or self.path.resolve() == Path(INSTALLED)
+
+    @property
+    def place(self) -> Path:
+        """The place where the configuration is, or would be."""
+        return self.path or self.computer.root / INSTALLED.lstrip("/")
+
+    @cached_property
+    def configured(self) -> Configured:
+        """The configuration, or why it cannot be used."""
+        path = self.place
+        try:
+            path.stat()
+        except PermissionError:  # the folder of the service's is not for every eye
+            return _not_yours(path)
+        except OSError:
+            return Configured()
+        if not os.access(path, os.R_OK):
+            return _not_yours(path)
+        if any(each.severity is DiagnosisSeverity.WRONG for each in self.libraries):
+            return Configured(unknown(f"{path} was not read, since libraries do not load", "mend those first"))
+        try:
+            return _read_configured(path)
+        except StadimeterError as error:
+            return Configured(wrong(f"{path} cannot be used: {_first(error)}", f"`stadimeter check {path}` shows all"))
+
+
+def _not_yours(path: Path) -> Configured:
+    return Configured(unknown(f"{path} is not yours to read", SUDO))
+
+
+def _first(error: StadimeterError) -> str:
+    """Return the first of several errors in one line, and how many more there are."""
+    lines = [str(each) for each in error.problems] if isinstance(error, ConfigError) else [str(error)]
+    more = f", and {len(lines) - 1} more" if len(lines) > 1 else ""
+    return f"{' '.join(lines[0].split())}{more}"
+
+
+def _read_configured(path: Path) -> Configured:
+    """Read a configuration; raises `StadimeterError` if it cannot be used. Loads numpy, pydantic and the drivers."""
+    from stadimeter.app.feasibility import feasibility_warnings  # noqa: PLC0415
+    from stadimeter.app.service import safe_lines  # noqa: PLC0415
+    from stadimeter.app.this_computer import warnings_here  # noqa: PLC0415
+    from stadimeter.config.loader import load_configuration  # noqa: PLC0415
+    from stadimeter.config.plugins import marked_options  # noqa: PLC0415
+    from stadimeter.config.units import PortMark  # noqa: PLC0415
+    from stadimeter.workbench.wiring import find_outputs, parts_of  # noqa: PLC0415
+
+    found = load_configuration(path)
+    ports = marked_options(found.base.options, PortMark) if found.base is not None else ()
+    return Configured(
+        configuration=found,
+        pins=frozenset(output.gpio for output in find_outputs(parts_of(found))),
+        ports=tuple(str(port) for _key, port in ports if str(port).startswith("/")),
+        is_scheduled=found.plan.needs_wall_time,
+        safe_lines=tuple(line for each in found.driven if not each.is_simulated for line in safe_lines(each)),
+        find_warnings=lambda: (*warnings_here(found), *found.warnings, *feasibility_warnings(found)),
+    )
