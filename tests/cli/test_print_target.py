@@ -195,6 +195,13 @@ def test_what_cannot_be_printed_says_what_can(tmp_path: Path, arguments: tuple[s
 def test_the_lines_to_paste_are_a_target(tmp_path: Path, arguments: tuple[str, ...]) -> None:
     _, shown = run(*arguments, "-o", tmp_path / "x.pdf")
     table = tomllib.loads(shown[shown.index("[targets") :])["targets"][arguments[0]]
+    _, told = run(*arguments, "-o", tmp_path / "x.pdf", "--json")
+    assert json.loads(told) == {
+        "file": str(tmp_path / "x.pdf"),
+        "pages": 1,
+        "paper": "A4",
+        "targets": {arguments[0]: table},
+    }
     assert load_driver(DETECTORS, table.pop("detector")).model_validate(table)
 
 
@@ -220,6 +227,11 @@ def test_it_draws_what_hangs_on_each_pin() -> None:
     assert code == 0
     assert "pin 12  GPIO 18 ──[220 ohm]" in shown
     assert "pin 16  GPIO 23 ──[220 ohm]" in shown
+
+
+def test_a_program_is_told_what_hangs_on_each_pin() -> None:
+    parts = json.loads(run_wiring(CONFIGURATIONS / "distance-alert.toml", "--json")[1])
+    assert [(each["name"], each["gpio"], each["pin"]) for each in parts] == [("motor", 18, 12), ("buzzer", 23, 16)]
 
 
 def test_a_narrow_terminal_gets_what_it_can_show() -> None:

@@ -14,7 +14,7 @@ MAX_FILES = 20
 
 
 def completing(names: Iterable[str]) -> Callable[[str], list[str]]:
-    """Return what completes one of some names."""
+    """Return a function that completes one of some names."""
     known = [*names]
     return lambda incomplete: [name for name in known if name.startswith(incomplete)]
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+import msgspec
 import typer
 
 from stadimeter.cli.calibrate_board import (
@@ -20,6 +22,7 @@ from stadimeter.cli.calibrate_board import (
 from stadimeter.cli.exits import ConfigArgument, configuration_path, plain_errors
 from stadimeter.cli.target_options import targets_from_options
 from stadimeter.config.loader import load_configuration
+from stadimeter.config.toml_source import as_toml
 from stadimeter.core.drawing import Drawing
 from stadimeter.detectors.protocol import DrawsTarget
 from stadimeter.errors import ConfigError
@@ -34,6 +37,7 @@ print_group = typer.Typer(no_args_is_help=True)
 OutputOption = Annotated[
     Path, typer.Option("--output", "-o", metavar="FILE", help="The file to write, .pdf, or .svg for a single page.")
 ]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 PaperOption = Annotated[str, typer.Option("--paper", metavar="NAME", help=f"The paper: {', '.join(PAPERS)}.")]
 
 
@@ -59,6 +63,7 @@ def tag(
         typer.Option("--id", metavar="N|N-M", help="Numbers of the tags in the family; 0 if not given."),
     ] = None,
     paper: PaperOption = "A4",
+    as_json: JsonOption = False,
 ) -> None:
     """Make tags to print: AprilTags or ArUco markers, as many on a page as fit.
 
@@ -79,8 +84,8 @@ def tag(
         words = f"{full}, id {_in_words(wanted)}: the side of the black square is {size}."
         table = {"detector": "tag", "side": size, "family": full, **({"id": wanted[0]} if len(wanted) == 1 else {})}
         option = f"--tag {size} --family {family}"
-        _write(output, items, paper, (words, CHECK, f"stadimeter measure … {option}"))
-        _tell_target("tag", table)
+        pages = _write(output, items, paper, (words, CHECK, f"stadimeter measure … {option}"))
+        _tell(output, pages, paper, {"tag": table}, as_json=as_json)
 
 
 @print_group.command()
@@ -89,6 +94,7 @@ def disc(
     size: Annotated[str, typer.Argument(metavar="DIAMETER", help="Diameter of the disc.")] = "12cm",
     output: OutputOption,
     paper: PaperOption = "A4",
+    as_json: JsonOption = False,
 ) -> None:
     """Make a black disc to print.
 
@@ -103,8 +109,9 @@ def disc(
         drawing, options = _draw_target({"--disc": size})
         item = Item(drawing, "the diameter", options["diameter"])
         words = f"A disc of {size} across. Leave the white around it."
-        _write(output, [item], paper, (words, CHECK, f"stadimeter measure … --disc {size}"))
-        _tell_target("disc", {"detector": "disc", "diameter": size, "shade": "dark"})
+        pages = _write(output, [item], paper, (words, CHECK, f"stadimeter measure … --disc {size}"))
+        table = {"detector": "disc", "diameter": size, "shade": "dark"}
+        _tell(output, pages, paper, {"disc": table}, as_json=as_json)
 
 
 @print_group.command()
@@ -117,6 +124,7 @@ def board(
     marker: MarkerOption = None,
     dictionary: DictionaryOption = None,
     paper: PaperOption = "A4",
+    as_json: JsonOption = False,
 ) -> None:
     """Make a board to print, for `stadimeter calibrate board`: a chessboard or a ChArUco board, with the same options.
 
@@ -136,8 +144,10 @@ def board(
         of_charuco = f" --marker {marker} --dictionary {dictionary}" if charuco else ""
         options = f"{which} --square {square}{of_charuco}"
         item = Item(board_drawing(wanted), "the squares", wanted.square_m)
-        _write(output, [item], paper, (f"Squares of {square}. {CHECK}", f"calibrate board … {options}"))
-        typer.echo(f"then: stadimeter calibrate board --live opencv,device=0 {options} -o camera.toml")
+        pages = _write(output, [item], paper, (f"Squares of {square}. {CHECK}", f"calibrate board … {options}"))
+        _tell(output, pages, paper, {}, as_json=as_json)
+        if not as_json:
+            typer.echo(f"then: stadimeter calibrate board --live opencv,device=0 {options} -o camera.toml")
 
 
 def _draw_target(given: Mapping[str, Any]) -> tuple[Drawing, dict[str, Any]]:
@@ -171,18 +181,22 @@ def _in_words(numbers: Sequence[int]) -> str:
     return ", ".join(map(str, numbers))
 
 
-def _write(output: Path, items: Sequence[Item], paper: str, words: Sequence[str]) -> None:
+def _write(output: Path, items: Sequence[Item], paper: str, words: Sequence[str]) -> int:
+    """Write the pages, and return how many there are."""
     pages = print_pages(items, paper, words)
     write_drawings(output, pages)
-    count = f"{len(pages)} pages" if len(pages) > 1 else "1 page"
-    typer.echo(f"wrote {output}: {count} of {paper}")
-    typer.echo(CHECK)
+    return len(pages)
 
 
-def _tell_target(name: str, table: Mapping[str, Any]) -> None:
-    typer.echo(f"in a configuration:\n\n[targets.{name}]")
-    for key, value in table.items():
-        typer.echo(f"{key} = {value}" if isinstance(value, int) else f'{key} = "{value}"')
+def _tell(output: Path, pages: int, paper: str, targets: Mapping[str, Mapping[str, Any]], *, as_json: bool) -> None:
+    """Say what was written, and how the print stands in a configuration."""
+    if as_json:
+        typer.echo(json.dumps({"file": str(output), "pages": pages, "paper": paper, "targets": targets}))
+        return
+    typer.echo(f"wrote {output}: {pages} page{'s' if pages > 1 else ''} of {paper}\n{CHECK}")
+    for name, table in targets.items():
+        typer.echo(f"in a configuration:\n\n[targets.{name}]")
+        typer.echo("\n".join(f"{key} = {as_toml(value)}" for key, value in table.items()))
 
 
 def wiring(
@@ -191,6 +205,7 @@ def wiring(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Draw it into this file, .svg or .pdf.")
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Draw what hangs on which pin of the Raspberry Pi, from a configuration.
 
@@ -215,8 +230,11 @@ def wiring(
         for warning in configuration.warnings:
             if warning.code == "pin-taken":
                 typer.echo(f"warning: {warning}", err=True)
-        if output is None:
+        if output is not None:
+            write_drawings(output, [wiring_picture(parts)])
+        if as_json:
+            typer.echo(json.dumps(msgspec.to_builtins(find_outputs(parts)), ensure_ascii=False))
+        elif output is None:
             typer.echo(wiring_text(parts, width=shutil.get_terminal_size().columns))
         else:
-            write_drawings(output, [wiring_picture(parts)])
             typer.echo(f"wrote {output}")
