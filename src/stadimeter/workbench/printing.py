@@ -16,7 +16,7 @@ from stadimeter.config.files import write_atomically
 from stadimeter.config.units import paper_sides, parse_length
 from stadimeter.core.drawing import WHITE, Circle, Drawing, Line, Rectangle, Shape, Text, black_cells
 from stadimeter.errors import ConfigError, reason_of
-from stadimeter.workbench.calibration.board_session import Board, CharucoBoard, Chessboard
+from stadimeter.workbench.calibration.board_session import Board, CharucoBoard
 
 # Drawings as files at true scale: PDF (ISO 32000-1) in the fonts that every reader has, and SVG -----------------------
 
@@ -203,10 +203,8 @@ def write_drawings(path: Path, pages: Sequence[Drawing]) -> None:
 
 def board_drawing(board: Board) -> Drawing:
     """Return a board; a chessboard begins with a black square, and so does a ChArUco board."""
-    return _charuco(board) if isinstance(board, CharucoBoard) else _chessboard(board)
-
-
-def _chessboard(board: Chessboard) -> Drawing:
+    if isinstance(board, CharucoBoard):
+        return _charuco(board)
     return _squares(board.columns + 1, board.rows + 1, board.square_m)
 
 
@@ -367,19 +365,15 @@ def _foot(grid: _Grid, words: Sequence[str]) -> Iterator[Shape]:
 def _ruler(x_m: float, y_m: float) -> Iterator[Shape]:
     """Yield a ruler: centimetres above its line and inches below, each from its left end on."""
     yield Line(x_m, y_m, x_m + RULER_IN * INCH_M, y_m)
-    for millimetre in range(101):
-        tick_m = 0.004 if millimetre % 10 == 0 else 0.0027 if millimetre % 5 == 0 else 0.0016
-        at_m = x_m + millimetre / 1000
-        yield Line(at_m, y_m, at_m, y_m - tick_m)
-        if millimetre % 10 == 0:
-            yield Text(at_m, y_m - 0.0047, str(millimetre // 10), 0.0021, "middle")
-    for eighth in range(8 * RULER_IN + 1):
-        tick_m = 0.004 if eighth % 8 == 0 else 0.0027 if eighth % 4 == 0 else 0.0016
-        at_m = x_m + eighth * INCH_M / 8
-        yield Line(at_m, y_m, at_m, y_m + tick_m)
-        if eighth % 8 == 0:
-            unit = " in" if eighth == 8 * RULER_IN else ""
-            yield Text(at_m, y_m + 0.0065, f"{eighth // 8}{unit}", 0.0021, "middle")
+    scales = ((RULER_M / 0.001, 10, 0.001, -1, y_m - 0.0047), (8 * RULER_IN, 8, INCH_M / 8, 1, y_m + 0.0065))
+    for ticks, whole, step_m, side, base_m in scales:
+        for number in range(round(ticks) + 1):
+            tick_m = 0.004 if number % whole == 0 else 0.0027 if number % (whole // 2) == 0 else 0.0016
+            at_m = x_m + number * step_m
+            yield Line(at_m, y_m, at_m, y_m + side * tick_m)
+            if number % whole == 0:
+                unit = " in" if side > 0 and number == ticks else ""
+                yield Text(at_m, base_m, f"{number // whole}{unit}", 0.0021, "middle")
     yield Text(x_m + RULER_M + 0.0015, y_m - 0.0047, "cm", 0.0021)
 
 
