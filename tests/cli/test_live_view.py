@@ -310,7 +310,7 @@ def test_what_is_told_and_the_keys_stand_at_the_top_and_the_bottom(make_record: 
     keys = RunKeys(Loop(build(demo_configuration(), speed=None)), can_pause=True, keyboard=Everywhere(-1))
     for width, height in SIZES:
         rows = screen(shown(make_record(), narration=lambda: "it rolls", keys=keys), width, height)
-        assert rows[1].strip() == "> it rolls"
+        assert "> it rolls" in {row.strip() for row in rows[1:4]}  # below what is wrong with this computer
         assert rows[-1].split() == ["q", "quit", "?", "help", "space", "pause"]
 
 
