@@ -95,6 +95,9 @@ def test_pictures_at_three_distances_give_a_certificate(site: Path) -> None:
     assert lines[-1] == f"wrote {site.with_suffix('.certificate.json')}, and .html beside it"
     made = json.loads(site.with_suffix(".certificate.json").read_text())
     assert abs(made["fit"]["scale"]) < 0.01
+    again = run(site, "--at", "60cm,1m,2m", *given(site, "near", "middle", "far"), "--json")
+    assert json.loads(again.stdout)["fit"]["scale"] == pytest.approx(made["fit"]["scale"])
+    assert "Scale: distances are " in again.stderr
     checked = typed("check", site, "--elsewhere")
     assert "far: above 4.00 m: by the certificate of" in " ".join(checked.stdout.split())
     strict = typed("check", site, "--elsewhere", "--strict", "--json")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from contextlib import closing
 from pathlib import Path
 
@@ -65,6 +67,9 @@ def test_a_view_is_saved_beside_the_configuration_and_compared_with(site) -> Non
     moved = typed("site", "check", site)
     assert moved.returncode == 1
     assert moved.stdout.startswith("not as saved (moved): pan +0.")
+    record = json.loads(typed("site", "check", site, "--json").stdout)
+    assert [*record["findings"]] == ["moved"]
+    assert record["compared"]["motion"]["pan_rad"] == pytest.approx(math.radians(0.5), rel=0.1)
 
 
 @pytest.mark.long

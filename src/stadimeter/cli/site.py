@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from functools import partial
 from pathlib import Path
 
 import typer
 
+from stadimeter.app.exact_json import encode, plain
 from stadimeter.app.places import CERTIFICATE
 from stadimeter.cli.completion import complete_target
 from stadimeter.cli.exits import DONE, NOT_FOUND, ConfigArgument, configuration_path, plain_errors, say_note
@@ -38,7 +42,8 @@ def _site() -> None:
 
 
 @site.command()
-def save(config: ConfigArgument = None) -> None:
+@takes_options()
+def save(config: ConfigArgument = None, *, as_json: bool = False) -> None:
     """Save the view that a fixed camera has now, as that of its mounting; `site certify` does it too.
 
     Takes a dozen pictures, through the run if one has the camera, and keeps a few hundred features of what stands
@@ -53,15 +58,20 @@ def save(config: ConfigArgument = None) -> None:
     """
     with plain_errors():
         path, reference = save_view(_loaded(config))
-        typer.echo(f"{path}: {len(reference.views[0].features)} features that stand still")
+        features = len(reference.views[0].features)
+        told = json.dumps({"file": str(path), "features": features})
+        typer.echo(told if as_json else f"{path}: {features} features that stand still")
 
 
 @site.command()
-def check(config: ConfigArgument = None) -> None:
+@takes_options()
+def check(config: ConfigArgument = None, *, as_json: bool = False) -> None:
     """Compare the view that the camera has now with the saved one, once.
 
     Prints the turn (pan to the right, tilt up, roll with the right side down), the zoom and the blur, each with its
-    standard deviation. A run wants two such findings in a row before it says anything.
+    standard deviation. A run wants two such findings in a row before it says anything. With --json, one object:
+    findings (by their kinds, empty for as saved), not_judged, and motion (in radians, with its sigmas) and blur_px2 as
+    compared, which is null where nothing is recognised.
 
     **Example**
 
@@ -72,7 +82,10 @@ def check(config: ConfigArgument = None) -> None:
     with plain_errors():
         found = check_view(_loaded(config))
         words = f"not as saved ({', '.join(found.found)})" if found.found else found.not_judged or "as saved"
-        typer.echo(f"{words}: {found.best.in_words()}" if found.best is not None else words)
+        compared = None if found.best is None else plain(found.best)
+        told = json.dumps({"findings": found.found, "not_judged": found.not_judged, "compared": compared})
+        words = f"{words}: {found.best.in_words()}" if found.best is not None else words
+        typer.echo(told if as_json else words)
     raise typer.Exit(NOT_FOUND if found.found or found.not_judged else DONE)
 
 
@@ -103,6 +116,7 @@ def certify(
     name: str = "",
     correct: bool = False,
     anew: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Certify how right distances are at this place, in this light, and which thresholds that carries.
 
@@ -116,7 +130,8 @@ def certify(
     `stadimeter check` then says which threshold the site does not carry, and when the lens or the size of the target
     has changed since. What was measured is kept after each distance; the same command goes on after an interruption.
 
-    Before a simulated camera the program places the target itself.
+    Before a simulated camera the program places the target itself. With --json, the certificate is printed as it is
+    written, and what is said meanwhile goes to standard error.
 
     **Examples**
 
@@ -134,11 +149,14 @@ def certify(
         tape_m = parse_known_length(tape, "--tape")
         for each in session.certificate.placements:
             say_note(f"going on; {each.tape_m:g} m was measured before {session.certificate.date}: --anew forgets it")
-        is_seen = _take_all(session, distances, pictures or [], tape_m, seconds)
-        made = session.finish(correct=correct)
-        for words in (*summary_of(made), *map(describe_reliance, session.site.reliances(made))):
-            typer.echo(words)
-        typer.echo(f"wrote {path.with_suffix(CERTIFICATE)}, and .html beside it")
+        with redirect_stdout(sys.stderr if as_json else sys.stdout):
+            is_seen = _take_all(session, distances, pictures or [], tape_m, seconds)
+            made = session.finish(correct=correct)
+            for words in (*summary_of(made), *map(describe_reliance, session.site.reliances(made))):
+                typer.echo(words)
+            typer.echo(f"wrote {path.with_suffix(CERTIFICATE)}, and .html beside it")
+        if as_json:
+            typer.echo(encode(made).decode())
     raise typer.Exit(DONE if is_seen else NOT_FOUND)
 
 
