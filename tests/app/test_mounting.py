@@ -15,6 +15,7 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.mounting import (
     EVERY_S,
     PICTURES,
+    judge_by,
     load_reference,
     make_reference,
     save_reference,
@@ -29,6 +30,7 @@ from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan
 from stadimeter.errors import CalibrationError, StateError
 from stadimeter.operator_actions import OperatorAction, OperatorCommand
+from stadimeter.perception.mounting import MIN_ROTATION_RAD, MIN_ZOOM
 from support.watched_room import FOCAL_PX, LENS, Pose, WatchedRoom
 
 NOON = 720
@@ -218,6 +220,19 @@ def test_another_camera_and_another_camera_file_are_refused_in_words(pictures, r
     assert saved.why_not_for(frame, LENS) == ""
     other = CameraModel.with_focal_length(600.0, 640, 480)
     assert "another camera file" in saved.why_not_for(frame, other)
+
+
+def test_limits_follow_what_the_configuration_states(tmp_path, reference):
+    configuration = Rig(tmp_path, reference).configuration
+    judge = judge_by(reference, load_configuration(configuration), LENS)
+    assert (judge.rotation_rad, judge.zoom) == (MIN_ROTATION_RAD, MIN_ZOOM)
+    text = configuration.read_text().replace(
+        'paths = "shots"', 'paths = "shots"\nheight = "1 m"\ntilt = "5 deg ± 1 deg"'
+    )
+    configuration.write_text(text)
+    rough = msgspec.structs.replace(LENS, focal_relative_sigma=0.02)
+    judge = judge_by(reference, load_configuration(configuration), rough)
+    assert (judge.rotation_rad, judge.zoom) == (pytest.approx(math.radians(1)), 0.02)
 
 
 def test_a_damaged_file_is_refused_with_its_path_and_the_remedy(tmp_path, reference):

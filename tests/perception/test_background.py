@@ -8,14 +8,10 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import CalibrationError
 from stadimeter.perception.mounting import (
-    MIN_ROTATION_RAD,
     MountingJudge,
-    MountingLimits,
     keep_still,
-    limits_for,
     look_at,
 )
 from stadimeter.ranging.view_motion import ViewMotion, fit_view_motion
@@ -135,7 +131,7 @@ def test_no_feature_of_a_target_is_kept(room) -> None:
 @pytest.mark.long
 def test_a_view_is_learnt_as_seen_from_the_saved_place(room, saved) -> None:
     sparse = replace(saved, data=saved.features[::3].tobytes())  # too little of it is in sight to decide alone
-    judge = MountingJudge([sparse], MountingLimits(rotation_rad=math.radians(1), zoom=0.002))
+    judge = MountingJudge([sparse], rotation_rad=math.radians(1), zoom=0.002)
     for minute in (960, 1290, NIGHT):
         judged(judge, room, minute, Pose(pan_deg=0.4), 1)
     assert len(judge.views) > 1
@@ -148,14 +144,3 @@ def test_where_enough_of_the_saved_view_is_in_sight_it_decides_alone(room, saved
     judge = MountingJudge([saved, turned])
     best = judge.judge(look_at(room.pictures(NOON + 2, Pose(pan_deg=0.2)), LENS)).best
     assert math.degrees(best.motion.pan_rad) == pytest.approx(0.2, abs=0.05)
-
-
-def test_limits_follow_what_the_configuration_states() -> None:
-    sure = CameraModel.with_focal_length(500.0, 640, 480)
-    assert limits_for(sure, None).rotation_rad == MIN_ROTATION_RAD
-    rough = CameraModel(
-        width_px=640, height_px=480, fx_px=500.0, fy_px=500.0, cx_px=319.5, cy_px=239.5, focal_relative_sigma=0.02
-    )
-    limits = limits_for(rough, math.radians(1))
-    assert limits.zoom == 0.02
-    assert limits.rotation_rad == math.radians(1)

@@ -31,7 +31,7 @@ from stadimeter.core.camera_pose import MOUNTING, Mounting, MountingStatus
 from stadimeter.core.decision import EventKind
 from stadimeter.core.frame import Frame
 from stadimeter.errors import StadimeterError, StateError, UnreadableError
-from stadimeter.perception.mounting import FEATURE, BackgroundView, MountingJudge, keep_still, limits_for, look_at
+from stadimeter.perception import mounting as background
 
 # The view of a camera that was saved: a file beside the configuration, written whole --------------
 #
@@ -71,7 +71,7 @@ class MountingReference(Struct, frozen=True, kw_only=True):
     size_px: tuple[int, int]
     sensor: str
     lens: tuple[float, ...]
-    views: list[BackgroundView]
+    views: list[background.BackgroundView]
 
     def why_not_for(self, frame: Frame, lens: CameraModel) -> str:
         """Return why pictures cannot be compared with it, in words; empty if they can."""
@@ -86,9 +86,11 @@ class MountingReference(Struct, frozen=True, kw_only=True):
         return f"{why}; save it anew with `stadimeter site save`" if why else ""
 
 
-def judge_by(reference: MountingReference, configuration: Configuration, lens: CameraModel) -> MountingJudge:
+def judge_by(reference: MountingReference, configuration: Configuration, lens: CameraModel) -> background.MountingJudge:
     """Return the judge of the views of a configuration's camera by a saved one."""
-    return MountingJudge(list(reference.views), limits_for(lens, configuration.tilt_sigma_rad))
+    rotation_rad = max(background.MIN_ROTATION_RAD, configuration.tilt_sigma_rad or 0.0)
+    zoom = max(background.MIN_ZOOM, lens.focal_relative_sigma)
+    return background.MountingJudge(list(reference.views), rotation_rad, zoom)
 
 
 def lens_figures(lens: CameraModel) -> tuple[float, ...]:
@@ -117,7 +119,7 @@ def make_reference(frames: Sequence[Frame], lens: CameraModel, hidden: Outlines 
     small = lens.for_frame(first)
     images = [each.image for each in frames]
     moments = [images[at - PICTURES : at] for at in range(PICTURES, len(images) + 1, PICTURES)]
-    view = keep_still([look_at(each, small, hidden) for each in moments])
+    view = background.keep_still([background.look_at(each, small, hidden) for each in moments])
     return MountingReference(
         saved_unix_s=time.time(),
         size_px=(first.width_px, first.height_px),
@@ -166,8 +168,8 @@ def _read(path: Path) -> MountingReference:
     return found
 
 
-def _is_whole(view: BackgroundView) -> bool:
-    if not view.data or len(view.data) % FEATURE.itemsize:
+def _is_whole(view: background.BackgroundView) -> bool:
+    if not view.data or len(view.data) % background.FEATURE.itemsize:
         return False
     sums = (view.features[name].sum() for name in ("place", "sharpness"))
     return view.blur_slope < 0 and all(map(math.isfinite, (view.blur_px2, view.blur_slope, *sums)))
@@ -268,7 +270,7 @@ class MountingWatch:
         lens = self._lens.for_frame(frames[0])
         if why := self._reference.why_not_for(frames[0], lens):
             return Mounting(status=MountingStatus.NOT_JUDGED, reason=why)
-        judgement = self._judge.judge(look_at([each.image for each in frames], lens, hidden))
+        judgement = self._judge.judge(background.look_at([each.image for each in frames], lens, hidden))
         if judgement.has_learnt:
             self._reference = replace(self._reference, views=list(self._judge.views))
             with suppress(StadimeterError):  # it is learnt again after a restart

@@ -277,13 +277,6 @@ VIEWS_MAX = 8
 DARKENED_CHECKS = 24 * 60
 
 
-class MountingLimits(Struct, frozen=True, kw_only=True):
-    """By how much the mounting may be off: what the calibration states, and no less than can be measured."""
-
-    rotation_rad: float = MIN_ROTATION_RAD
-    zoom: float = MIN_ZOOM
-
-
 class Judgement(Struct, frozen=True, kw_only=True):
     """The result of one check.
 
@@ -307,10 +300,13 @@ class MountingJudge(Struct):
 
     Attributes:
         views: The view that was saved, and those learnt since.
+        rotation_rad: By how much the camera may be turned: what its calibration states, or the least that is measured.
+        zoom: The same of the zoom, as a share.
     """
 
     views: list[BackgroundView]
-    limits: MountingLimits = field(default_factory=MountingLimits)
+    rotation_rad: float = MIN_ROTATION_RAD
+    zoom: float = MIN_ZOOM
     _in_a_row: dict[str, int] = field(default_factory=dict)
     _dark_checks: int = 0
     _checks_since_learnt: int = LEARN_APART_CHECKS
@@ -347,14 +343,14 @@ class MountingJudge(Struct):
 
     def _off(self, compared: BackgroundComparison) -> Iterator[tuple[str, str]]:
         """Yield what is beyond its limit, in words."""
-        limits, motion = self.limits, compared.motion
+        motion = compared.motion
         if motion.inliers < MIN_INLIERS:
             return
-        if motion.rotation_rad > max(limits.rotation_rad, SURE * motion.rotation_sigma_rad):
-            turn, most = math.degrees(motion.rotation_rad), math.degrees(limits.rotation_rad)
+        if motion.rotation_rad > max(self.rotation_rad, SURE * motion.rotation_sigma_rad):
+            turn, most = math.degrees(motion.rotation_rad), math.degrees(self.rotation_rad)
             yield "moved", f"turned by {turn:.2f}°, limit {most:.2f}°: {motion.in_words()}"
-        if abs(motion.zoom) > max(limits.zoom, SURE * motion.sigmas[3]):
-            yield "zoomed", f"zoomed by {motion.zoom:+.1%}, limit {limits.zoom:.1%}: distances are off by as much"
+        if abs(motion.zoom) > max(self.zoom, SURE * motion.sigmas[3]):
+            yield "zoomed", f"zoomed by {motion.zoom:+.1%}, limit {self.zoom:.1%}: distances are off by as much"
         sigma_px2 = compared.blur_sigma_px2
         if abs(compared.blur_px2) > max(BLUR_PX2 + sigma_px2, SURE * sigma_px2):
             way = "out of focus" if compared.blur_px2 > 0 else "sharper than when it was saved"
@@ -362,8 +358,8 @@ class MountingJudge(Struct):
 
     def _too_uncertain(self, motion: ViewMotion, share: float = SIGMA_SHARE) -> str:
         """Return why a motion decides nothing; empty if it does."""
-        angle, zoom, limits = math.hypot(*motion.sigmas[:2]), motion.sigmas[3], self.limits
-        if motion.inliers >= MIN_INLIERS and angle <= share * limits.rotation_rad and zoom <= share * limits.zoom:
+        angle, zoom = math.hypot(*motion.sigmas[:2]), motion.sigmas[3]
+        if motion.inliers >= MIN_INLIERS and angle <= share * self.rotation_rad and zoom <= share * self.zoom:
             return ""
         return f"{motion.inliers} features agree, too few to be sure to {math.degrees(angle):.2f}° and {zoom:.1%}"
 
@@ -373,10 +369,10 @@ class MountingJudge(Struct):
         Args:
             agreeing: How many of its features agree with each of the known views.
         """
-        motion, features, limits = best.motion, view.features.copy(), self.limits
+        motion, features = best.motion, view.features.copy()
         if max(agreeing) > LEARN_BELOW * len(features) or self._checks_since_learnt < LEARN_APART_CHECKS:
             return False
-        if motion.rotation_rad > limits.rotation_rad / 2 or abs(motion.zoom) > limits.zoom / 2:
+        if motion.rotation_rad > self.rotation_rad / 2 or abs(motion.zoom) > self.zoom / 2:
             return False
         if len(self.views) >= VIEWS_MAX:
             # The learnt one that is most like it goes: those of another light, such as that of the night, stay.
@@ -385,15 +381,3 @@ class MountingJudge(Struct):
         features["place"] = motion.undo(features["place"])
         self.views.append(replace(view, data=features.tobytes(), blur_px2=best.blur_px2))
         return True
-
-
-def limits_for(lens: CameraModel, tilt_sigma_rad: float | None) -> MountingLimits:
-    """Return the limits for what a configuration states.
-
-    Args:
-        tilt_sigma_rad: How well the camera's tilt is known, if the configuration says so.
-    """
-    return MountingLimits(
-        rotation_rad=max(MIN_ROTATION_RAD, tilt_sigma_rad or 0.0),
-        zoom=max(MIN_ZOOM, lens.focal_relative_sigma),
-    )
