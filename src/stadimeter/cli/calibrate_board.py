@@ -44,21 +44,6 @@ from stadimeter.workbench.frame_source import Source
 from stadimeter.workbench.picture_metadata import check_lens_settings
 from stadimeter.workbench.stereo import find_board_pairs, pair_pictures
 
-ChessboardOption = Annotated[
-    str | None,
-    typer.Option("--board", metavar="COLUMNSxROWS", help="A chessboard, by its inner corners, such as 9x6."),
-]
-CharucoOption = Annotated[
-    str | None,
-    typer.Option("--charuco", metavar="COLUMNSxROWS", help="A ChArUco board, by its squares, such as 5x7."),
-]
-MarkerOption = Annotated[
-    str | None, typer.Option("--marker", metavar="LENGTH", help="Side of a marker of the ChArUco board.")
-]
-DictionaryOption = Annotated[
-    str | None, typer.Option("--dictionary", metavar="NAME", help="Its markers' dictionary, such as 4X4_50.")
-]
-
 # The command ``calibrate stereo``: a stereo file from pictures of a board that two cameras took at the same time ------
 
 # Distances at which it is said how sure a target's distance will be.
@@ -89,10 +74,10 @@ def stereo(
     ],
     output: Path,
     square: str,
-    chessboard: ChessboardOption = None,
-    charuco: CharucoOption = None,
-    marker: MarkerOption = None,
-    dictionary: DictionaryOption = None,
+    chessboard: str | None = None,
+    charuco: str | None = None,
+    marker: str | None = None,
+    dictionary: str | None = None,
     square_error: float = 0.2,
     tone_curve: ToneCurve = "srgb",
 ) -> None:
@@ -193,10 +178,10 @@ def board(
     ] = None,
     output: Path,
     square: str,
-    chessboard: ChessboardOption = None,
-    charuco: CharucoOption = None,
-    marker: MarkerOption = None,
-    dictionary: DictionaryOption = None,
+    chessboard: str | None = None,
+    charuco: str | None = None,
+    marker: str | None = None,
+    dictionary: str | None = None,
     tone_curve: ToneCurve = "srgb",
     live: LiveOption = None,
 ) -> None:

@@ -12,15 +12,9 @@ from typing import Annotated, Any
 import msgspec
 import typer
 
-from stadimeter.cli.calibrate_board import (
-    CharucoOption,
-    ChessboardOption,
-    DictionaryOption,
-    MarkerOption,
-    board_from_options,
-)
+from stadimeter.cli.calibrate_board import board_from_options
 from stadimeter.cli.exits import ConfigArgument, configuration_path, plain_errors
-from stadimeter.cli.target_options import targets_from_options
+from stadimeter.cli.target_options import takes_options, targets_from_options
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.toml_source import as_toml
 from stadimeter.core.drawing import Drawing
@@ -115,14 +109,15 @@ def disc(
 
 
 @print_group.command()
+@takes_options()
 def board(
     *,
     output: OutputOption,
-    square: Annotated[str, typer.Option("--square", metavar="LENGTH", help="Side of a square.")] = "25mm",
-    chessboard: ChessboardOption = None,
-    charuco: CharucoOption = None,
-    marker: MarkerOption = None,
-    dictionary: DictionaryOption = None,
+    square: str = "25mm",
+    chessboard: str | None = None,
+    charuco: str | None = None,
+    marker: str | None = None,
+    dictionary: str | None = None,
     paper: PaperOption = "A4",
     as_json: JsonOption = False,
 ) -> None:

@@ -9,7 +9,7 @@ import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar, cast, get_origin
 
 import typer
 from msgspec import Struct
@@ -145,6 +145,10 @@ _SHARED = {
     "camera": Option("FILE", "The camera file, made by `stadimeter calibrate distance`."),
     "output": Option("FILE", "The file to write.", flags="--output -o"),
     "square": Option("LENGTH", "Side of a square, such as 25mm."),
+    "chessboard": Option("COLUMNSxROWS", "A chessboard, by its inner corners, such as 9x6.", flags="--board"),
+    "charuco": Option("COLUMNSxROWS", "A ChArUco board, by its squares, such as 5x7."),
+    "marker": Option("LENGTH", "Side of a marker of the ChArUco board."),
+    "dictionary": Option("NAME", "Its markers' dictionary, such as 4X4_50."),
     "perhaps": Option("", "Take what is perhaps the target, too: you have looked at it."),
     "distance_error": Option(
         "PERCENT", "How well you know the distances: one standard deviation, in per cent of each.", limits=(0.0, 50.0)
@@ -168,7 +172,7 @@ def takes_options(**own: Option) -> Callable[[Callable[..., None]], Callable[...
         for each in inspect.signature(command, eval_str=True).parameters.values():
             if each.name == "target":
                 parameters += [_parameter(flag, option) for flag, option in _OPTIONS.items()]
-            elif each.name in options:
+            elif each.name in options and get_origin(each.annotation) is not Annotated:
                 kind = options[each.name].annotate(each.annotation, f"--{each.name.replace('_', '-')}")
                 parameters.append(each.replace(annotation=kind))
             else:
