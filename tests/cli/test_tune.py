@@ -44,7 +44,7 @@ def test_another_threshold_is_tried_and_nothing_is_changed(invoked):
     done = invoked("near", RUN, "--set", 'below="80 cm"')
     assert done.exit_code == 0, done.output
     assert "below 80 cm (was" in done.output
-    assert "near would have fired 2 times in 4 minutes of 1 recording: 0 of them new, 2 of yours missed." in done.output
+    assert "near would have fired 2 times in 4 minutes of 1 recording: 0 of them new, 2 of yours gone." in done.output
     assert Path("stadimeter.toml").read_text() == CONFIGURATION
 
 

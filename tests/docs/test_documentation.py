@@ -31,7 +31,7 @@ from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.measure import measure
 from stadimeter.ranging.similar_triangles import expect
-from stadimeter.workbench.rule_tests.running import run_rule_test
+from stadimeter.workbench.rule_tests import run_rule_test
 from support.scenes.poster import poster
 from support.two_cameras import BESIDE
 

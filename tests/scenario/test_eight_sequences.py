@@ -19,7 +19,7 @@ from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Decision
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation
-from stadimeter.workbench.rule_tests.running import run_rule_test
+from stadimeter.workbench.rule_tests import run_rule_test
 from support.each_case import each_case
 from support.observing import measured, missed
 from support.simulated_run import SIMULATED_BALL

@@ -16,7 +16,7 @@ from stadimeter.cli.main import app
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.decision import EventKind
-from stadimeter.workbench.rule_tests.running import run_rule_test
+from stadimeter.workbench.rule_tests import run_rule_test
 from support.recordings import records_of
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget

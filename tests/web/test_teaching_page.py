@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from stadimeter.config.loader import load_configuration
-from stadimeter.workbench.rule_tests.running import run_rule_test
+from stadimeter.workbench.rule_tests import run_rule_test
 from support.browser import Served, served, tab, until
 from support.false_alarm import BY_S, CONFIGURATION, STAYED_S, record
 
@@ -65,7 +65,7 @@ def test_a_newcomer_mends_a_rule_that_fired_wrongly(browser: Any, here: Served, 
         until(page, f"{CHART}.step === '1'")
         newcomer.click_moment(began_s + BY_S)
         newcomer.click("button", "Should not have fired")
-        shown(page, "1 of yours missed")
+        shown(page, "1 of yours gone")
         newcomer.click_moment(began_s + STAYED_S)
         newcomer.click("button", "Should have fired")
         newcomer.click("button", "Save with its test")

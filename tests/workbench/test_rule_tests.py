@@ -23,14 +23,16 @@ from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.similar_triangles import expect
 from stadimeter.workbench.rule_settings import settings_of, with_settings
-from stadimeter.workbench.rule_tests.inputs import (
+from stadimeter.workbench.rule_tests import (
     OUTLIER_FACTOR,
+    Failure,
+    RuleTestResult,
     SensorModel,
     SyntheticTrack,
     position_at,
+    run_rule_test,
     sensor_models,
 )
-from stadimeter.workbench.rule_tests.running import Failure, RuleTestResult, run_rule_test
 from support import two_cameras
 from support.recordings import records_of
 from support.simulated_run import SIMULATED_BALL

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,12 @@ import pytest
 
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ChangedMeanwhileError, ConfigError
-from stadimeter.workbench.rule_tests.running import run_rule_test
+from stadimeter.workbench.rule_settings import alarm_named, with_settings
+from stadimeter.workbench.rule_tests import run_rule_test
 from stadimeter.workbench.saving import versions
 from stadimeter.workbench.server.operations import Desk, find_operation
+from stadimeter.workbench.server.tuning import tuning_of
+from stadimeter.workbench.tune import signal_of
 from support.false_alarm import BY_S, CONFIGURATION, FRAME_S, STAYED_S, record
 
 BEGAN_S = 1_700_000_000.0
@@ -41,13 +45,32 @@ def ask(desk: Desk, op: str, **args: object) -> Any:
 def test_a_dragged_threshold_says_how_many_alarms_come_and_go(desk: Desk) -> None:
     found = ask(desk, "tune", changes={"below": 0.8})
     assert found["words"] == (
-        "near would have fired 2 times in 4 minutes of 1 recording: 0 of them new, 2 of yours missed."
+        "near would have fired 2 times in 4 minutes of 1 recording: 0 of them new, 2 of yours gone."
     )
     (recording,) = found["recordings"]
     assert (len(recording["before"]), len(recording["after"])) == (4, 2)
     assert recording["began_unix_s"] == pytest.approx(BEGAN_S + FRAME_S, abs=0.01), "its first cycle"
     assert found["settings"]["below"] == {"value": 1.0, "unit": "m"}
     assert found["is_done"]
+
+
+@pytest.mark.long
+def test_what_hundreds_of_settings_are_tried_with_comes_to_the_cores_own_verdict(desk: Desk) -> None:
+    tuning = tuning_of(desk, [])
+    tuning.go_on(math.inf)
+    (kept,) = tuning.recordings.values()
+    for values in (
+        {"below": 0.8, "off_delay": 0.0},
+        {"below": 0.95, "on_delay": 2.5, "deadband": 0.3},
+        {"on_delay": 0.3, "off_delay": 3.0, "deadband_sigmas": 0.0},
+    ):
+        text = with_settings(tuning.configuration, tuning.text, "near", values)
+        changed = load_configuration(desk.configuration, texts={desk.configuration: text})
+        _, alarm = alarm_named(changed, "near")
+        quickly = signal_of(kept.cycles, alarm, alarm.condition).firings(alarm, alarm.condition)
+        assert quickly == [
+            pytest.approx(span, abs=FRAME_S / 2) for span in kept.with_plan(changed.plan, "near").spans("near")
+        ]
 
 
 @pytest.mark.long
@@ -153,4 +176,14 @@ def test_a_recording_that_holds_a_moment_is_found(tmp_path: Path) -> None:
     record(tmp_path, time.time() - 1000)
     desk = Desk(configuration=tmp_path / "stadimeter.toml", run_socket=tmp_path / "none.sock")
     found = ask(desk, "tune", at_s=[time.time() - 900])
+    assert [each["name"] for each in found["recordings"]] == ["evening.mcap"]
+
+
+@pytest.mark.long
+def test_a_clip_of_a_recording_that_is_there_counts_once(desk: Desk) -> None:
+    evening = desk.configuration.parent / "recordings" / "evening.mcap"
+    clip = evening.parent / "clips" / "near.mcap"
+    clip.parent.mkdir()
+    clip.write_bytes(evening.read_bytes()[: evening.stat().st_size // 2])
+    found = ask(desk, "tune")
     assert [each["name"] for each in found["recordings"]] == ["evening.mcap"]

@@ -20,7 +20,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.doctor.computer import Computer
-from stadimeter.workbench.rule_tests.running import run_rule_test
+from stadimeter.workbench.rule_tests import run_rule_test
 from stadimeter.workbench.setup.camera_step import table_of
 from stadimeter.workbench.setup.files import base_table, configuration_files
 from stadimeter.workbench.setup.interview import Interview, load_answers, save_answers

@@ -16,7 +16,7 @@ from stadimeter.cli.check import prose_console
 from stadimeter.cli.exits import NOT_FOUND, WRONG, ConfigArgument, configuration_path, plain_errors, working
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.rule_test_tables import RuleTest
-from stadimeter.workbench.rule_tests.running import Failure, RuleTestResult, run_rule_test
+from stadimeter.workbench.rule_tests import Failure, RuleTestResult, run_rule_test
 
 _EXAMPLE = """\
 [[tests]]

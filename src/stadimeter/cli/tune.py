@@ -52,7 +52,7 @@ def tune_command(
     A mark is a moment or a span, in seconds from the beginning of its recording: the alarm should have fired there, or
     not. With marks, the settings that meet them all are shown, those first that change the fewest other alarms, and the
     fewest settings. Without, thresholds stay: delays and deadband are sought with which the alarm is raised whenever
-    the target truly crossed them, and never else. With --set, only that is tried. `new` and `missed` count the alarms
+    the target truly crossed them, and never else. With --set, only that is tried. `new` and `gone` count the alarms
     that it would have had and has not, and the other way round. Nothing is changed without --save.
 
     **Examples**
@@ -116,7 +116,7 @@ def _tell(tuning: Tuning, rule: str, proposals: Sequence[Proposal]) -> None:
     table = Table()
     table.add_column("")
     table.add_column("settings")
-    for heading in ("alarms", "new", "missed", "false", "late at most"):
+    for heading in ("alarms", "new", "gone", "false", "late at most"):
         table.add_column(heading, justify="right")
     for number, proposal in enumerate(proposals):
         words = "\n".join(_settings(proposal, was)) or "as it is"

@@ -47,7 +47,7 @@ from stadimeter.core.words import figure_in_words
 from stadimeter.errors import ConfigError, NotThereError, Problem
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.rule_settings import alarm_named, with_settings
-from stadimeter.workbench.rule_tests.running import run_rule_test
+from stadimeter.workbench.rule_tests import run_rule_test
 from stadimeter.workbench.trial import (
     EARLY_S,
     KEPT_CYCLES_MAX,
@@ -773,14 +773,14 @@ def _only(name: str, trial: Trial) -> Trial:
 
 
 def in_words(rule: str, answers: Sequence[Answer]) -> str:
-    """Say how often a rule would have fired, how many of that are new, and how many of its alarms are missed."""
+    """Say how often a rule would have fired, how many of that are new, and how many of its alarms are gone."""
     raised = sum(len(each.spans) for each in answers)
-    new, missed = (sum(each.count(change) for each in answers) for change in ("added", "lost"))
+    new, gone = (sum(each.count(change) for each in answers) for change in ("added", "lost"))
     minutes = round(sum(each.difference.minutes for each in answers))
     times, ends, recordings = ("" if number == 1 else "s" for number in (raised, minutes, len(answers)))
     return (
         f"{rule} would have fired {raised} time{times} in {minutes} minute{ends} of {len(answers)} "
-        f"recording{recordings}: {new} of them new, {missed} of yours missed."
+        f"recording{recordings}: {new} of them new, {gone} of yours gone."
     )
 
 

@@ -23,7 +23,7 @@ from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.measurement import Measurement, Track
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DeviceOpenError, LinkLostError
-from stadimeter.workbench.rule_tests.inputs import SyntheticTrack
+from stadimeter.workbench.rule_tests import SyntheticTrack
 
 PERIOD_S = 1 / 30
 

@@ -21,7 +21,7 @@ from stadimeter.config.rule_test_tables import PathPoint
 from stadimeter.core.plan import BaseOutput
 from stadimeter.core.rule import FollowRule
 from stadimeter.errors import ConfigError, Problem
-from stadimeter.workbench.rule_tests.inputs import SyntheticTrack, sensor_models
+from stadimeter.workbench.rule_tests import SyntheticTrack, sensor_models
 
 # The target is this much too far away, or the most of it at which it is found; and a little to the right.
 _AHEAD_M = (1.5, 1.0, 0.5, 0.2)

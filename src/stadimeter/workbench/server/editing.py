@@ -23,7 +23,7 @@ from stadimeter.config.rule_test_tables import RuleTest
 from stadimeter.config.toml_source import Texts
 from stadimeter.config.units import path_from
 from stadimeter.errors import ChangedMeanwhileError, ConfigError, ControlError, Problem, UnreadableError
-from stadimeter.workbench.rule_tests.running import RuleTestResult, run_rule_test
+from stadimeter.workbench.rule_tests import RuleTestResult, run_rule_test
 from stadimeter.workbench.saving import check_is_not_ours, difference_in_words, files_of, save_files, versions
 from stadimeter.workbench.server.operations import Desk, operation
 from stadimeter.workbench.server.run_of_desk import run_socket

@@ -15,7 +15,7 @@ from stadimeter.workbench.server.operations import Desk, operation
 from stadimeter.workbench.server.recordings import ENDINGS, about, began_unix_s
 from stadimeter.workbench.server.run_of_desk import folder_of
 from stadimeter.workbench.trial import KeptRecording
-from stadimeter.workbench.tune import Proposal, Tuning, in_words, parse_mark
+from stadimeter.workbench.tune import MOMENT_S, Proposal, Tuning, in_words, parse_mark
 
 # Unless it is said otherwise, an answer comes at the latest after this time, with what is read by then.
 FOR_S = 20.0
@@ -97,6 +97,7 @@ def _choose_recordings(desk: Desk, tuning: Tuning, moments_s: Sequence[float]) -
     """Take those that hold moments from some time before the first one on, and the ends of the newest."""
     found = recordings_of(desk)
     told = {name: each for name, path in found.items() if (each := about(desk, path))["seconds"]}
+    told = {name: each for name, each in told.items() if not any(_is_within(each, other) for other in told.values())}
     wanted = [
         (name, since_s)
         for at_s in moments_s
@@ -108,6 +109,13 @@ def _choose_recordings(desk: Desk, tuning: Tuning, moments_s: Sequence[float]) -
     for name, since_s in [*wanted, *((name, told[name]["seconds"]) for name in newest)]:
         if name not in tuning.recordings:
             tuning.add(name, found[name], max(0.0, since_s - LONG_S))
+
+
+def _is_within(told: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Check whether another recording holds all of one, such as a clip of the last hour: its alarms count once."""
+    begins_s: float = told["unix_s"] - other["unix_s"]
+    ends_s, slack_s = begins_s + told["seconds"], MOMENT_S
+    return bool(told["seconds"] < other["seconds"] and begins_s >= -slack_s and ends_s <= other["seconds"] + slack_s)
 
 
 def _holds(kept: KeptRecording, at_s: float) -> bool:

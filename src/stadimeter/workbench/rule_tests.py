@@ -2,32 +2,64 @@
 
 What happened is kept where it changed, so a test over an hour of recording needs little memory. Why something was not
 met is asked for in a second run, of the test that failed alone: each run of a test is the same.
+
+A synthetic target has normally distributed noise that is correlated from one frame to the next as the tracker expects
+it. Directions are exact, since their uncertainty is not known. Everything random follows from a seed, and each frame
+takes the same number of random numbers, so that one thing changed changes nothing else.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+import random
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, time, timedelta
+from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 from msgspec import Struct
 from msgspec.structs import replace
 
+from stadimeter.app.clock import SteppedClock, wall_time
 from stadimeter.config.loader import Configuration
-from stadimeter.config.rule_test_tables import ExpectTable, LevelAtTable, PathPoint, RuleTest, SpanTable
+from stadimeter.config.plugins import DriverChoice, DriverContext, Shared
+from stadimeter.config.rule_test_tables import (
+    ExpectTable,
+    InputTable,
+    LevelAtTable,
+    MotionTable,
+    OperatorTable,
+    PathPoint,
+    RuleTest,
+    SpanTable,
+)
+from stadimeter.config.rules.conditions import DAYS
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.clock import DAY_S
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.conditions.compounds import judge
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace
-from stadimeter.core.measurement import Track
+from stadimeter.core.detection import TargetShape
+from stadimeter.core.measurement import Measurement, MeasurementStatus, Track
+from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.outputs import safe_command
 from stadimeter.core.plan import Output, Plan
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.rules.explaining import explain
-from stadimeter.errors import ConfigError, Problem, StadimeterError
-from stadimeter.workbench.rule_tests.inputs import observations, position_at
+from stadimeter.core.stereo_rig import StereoRig
+from stadimeter.errors import ConfigError, JournalError, Problem, StadimeterError
+from stadimeter.operator_actions import OperatorAction, OperatorCommand
+from stadimeter.ranging.similar_triangles import expect
+from stadimeter.ranging.stereo import straight_ahead_share
+from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.trial import Trial, command_figures, run
+
+# The result: what happened, held against what was expected ----------------------------------------------------------
 
 SHOWN_EVENTS = 5
 _ROUNDING_S = 1e-9
@@ -409,3 +441,329 @@ def _does(command: Command) -> str:
     if isinstance(command, LevelCommand):
         return f"level {command.level:.2f}"
     return f"{command.linear_mps:.2f} m/s, {math.degrees(command.angular_radps):.0f} deg/s"
+
+
+# What the core sees in a test: recorded observations, or synthetic ones ----------------------------------------------
+
+# The frame rate where neither the test nor the camera names one.
+RATE_HZ = 30.0
+
+# Without a frame there is a cycle this often, as in a run.
+WAIT_S = 0.1
+
+
+def observations(given: InputTable, configuration: Configuration) -> Iterator[Observation]:
+    """Yield what the core sees, a cycle at a time. Nothing is opened but a recording. Synthetic ones begin at 0 s.
+
+    Raises:
+        JournalError: The recording cannot be read, or holds none of the targets.
+        ConfigError: There is no camera model, or a detector cannot be built.
+    """
+    if given.journal is not None:
+        yield from _recorded_observations(given.journal, configuration.plan.targets)
+        return
+    tracks = _tracks(given, configuration)
+    rate_hz = given.rate or getattr(configuration.camera.options, "rate", None) or RATE_HZ
+    orders = sorted(given.operator, key=lambda order: order.at)
+    for number, (at_s, frame) in enumerate(_cycles(given, rate_hz)):
+        due = [order for order in orders if order.at <= at_s + _ROUNDING_S]
+        orders = orders[len(due) :]
+        yield Observation(
+            now_s=at_s,
+            frame=None if frame is None else FrameStamp(sequence=frame, captured_at_s=at_s),
+            measurements=() if frame is None else tuple([track.measure(at_s) for track in tracks]),
+            camera_fault="" if frame is not None else "no frame in time",
+            wall=_wall(given, at_s, configuration),
+            operator_commands=tuple([_command(order, f"test-{number}-{index}") for index, order in enumerate(due)]),
+        )
+
+
+def _recorded_observations(journal: Path, targets: tuple[str, ...]) -> Iterator[Observation]:
+    seen: set[str] = set()
+    for cycle in read_recording(journal).cycles():
+        observation = cycle.observation()
+        seen.update([measured.target for measured in observation.measurements])
+        yield observation
+    if not seen & set(targets):
+        held = f"only {', '.join(sorted(seen))}" if seen else "no measurement at all"
+        raise JournalError(f"{journal} holds {held}, and the rules are about {', '.join(targets)}")
+
+
+def _tracks(given: InputTable, configuration: Configuration) -> tuple[SyntheticTrack, ...]:
+    sensors, motions = sensor_models(configuration), given.motions(configuration.plan.targets)
+    nowhere = MotionTable()
+    return tuple(
+        SyntheticTrack(
+            target=target,
+            path=motions.get(target, nowhere).path(),
+            sensor=sensors[target],
+            seed=given.seed,
+            noise=given.noise,
+            correlation=configuration.plan.tracking.autocorrelation,
+            dropouts=given.dropouts,
+            outliers=given.outliers,
+            lost=motions.get(target, nowhere).lost,
+        )
+        for target in configuration.plan.measured_targets
+    )
+
+
+def _cycles(given: InputTable, rate_hz: float) -> Iterator[tuple[float, int | None]]:
+    """Yield the time of each cycle and the number of its frame, or None for a cycle without one."""
+    last_s = -WAIT_S
+    for frame in range(int(given.moving_s * rate_hz + _ROUNDING_S) + 1):
+        at_s = frame / rate_hz
+        if any(span.holds(at_s) for span in given.frozen):
+            continue
+        yield from ((waited_s, None) for waited_s in wait_times(last_s, at_s))
+        yield at_s, frame
+        last_s = at_s
+    yield from ((waited_s, None) for waited_s in wait_times(last_s, given.moving_s))
+    if last_s < given.moving_s - _ROUNDING_S:
+        yield given.moving_s, None  # so that the test ends when it says, not at the last frame before
+
+
+def wait_times(last_s: float, next_s: float) -> Iterator[float]:
+    """Yield the times of the cycles between two frames that are without one."""
+    for count in range(1, int((next_s - last_s - _ROUNDING_S) / WAIT_S) + 1):
+        yield last_s + count * WAIT_S
+
+
+def _wall(given: InputTable, at_s: float, configuration: Configuration) -> WallTime | None:
+    if given.clock is None:
+        return None
+    days, second_of_day = divmod(given.clock + at_s, DAY_S)
+    if given.date is not None:
+        midnight = datetime.combine(given.date, time())
+        return wall_time(midnight + timedelta(seconds=given.clock + at_s), configuration)
+    return WallTime(second_of_day=second_of_day, weekday=(DAYS.index(given.day) + int(days)) % len(DAYS))
+
+
+def _command(order: OperatorTable, identity: str) -> OperatorCommand:
+    action = OperatorAction(order.do)
+    return OperatorCommand(
+        id=identity, action=action, rule=order.rule, by="test", for_s=order.duration, is_from_button=True
+    )
+
+
+# Nothing smaller is found, however good the picture.
+MIN_SIZE_PX = 3.0
+
+
+class SensorModel:
+    """A camera that looks at a target of known size."""
+
+    def __init__(self, size: TargetShape, camera: CameraModel) -> None:
+        self._size = size
+        self._exact = replace(camera, focal_relative_sigma=0.0, uncertainty=None)
+        self._stays = math.hypot(camera.focal_relative_sigma, size.relative_sigma)
+
+    def sigmas_m(self, distance_m: float) -> tuple[float, float]:
+        """Return the uncertainty of a distance, as `stadimeter.ranging.similar_triangles` expects it.
+
+        Returns:
+            The whole standard deviation in metres, and the part of it that differs from frame to frame.
+        """
+        noise_m = expect(self._size, self._exact, distance_m).sigma_m
+        return math.hypot(noise_m, self._stays * distance_m), noise_m
+
+    def size_share(self, distance_m: float) -> float | None:
+        """Return its larger extent in the picture at a distance, as a share of the picture's width."""
+        size_px = expect(self._size, self._exact, distance_m).size_px
+        return size_px * self._size.longest_m / self._size.shortest_m / self._exact.width_px
+
+    def is_found(self, distance_m: float) -> bool:
+        """Check whether the target appears large enough at a distance for any detector to find it."""
+        return expect(self._size, self._exact, distance_m).size_px >= MIN_SIZE_PX
+
+
+class TwoCameraModel(SensorModel):
+    """Two cameras that look at a target whose size is only a guess: how sure they are follows from their baseline."""
+
+    def __init__(self, size: TargetShape, rig: StereoRig) -> None:
+        super().__init__(size, rig.left)
+        self._rig = rig
+
+    def sigmas_m(self, distance_m: float) -> tuple[float, float]:
+        """Return the uncertainty of triangulation straight ahead.
+
+        Noise moves the middle of an outline by half of what it adds to its size, in each of two pictures; and an error
+        of the disparity counts as one of the size does, by the baseline in place of the size.
+        """
+        of_size_m = expect(self._size, self._exact, distance_m).noise_m
+        noise_m = of_size_m * self._size.shortest_m / self._rig.baseline_m / math.sqrt(2)
+        return math.hypot(noise_m, straight_ahead_share(self._rig, distance_m) * distance_m), noise_m
+
+
+class RangeSensorModel(SensorModel):
+    """A range sensor: as sure as those that there are, in the middle of their range, and no further."""
+
+    SIGMA_M = 0.02
+    MAX_RANGE_M = 4.0
+
+    def __init__(self) -> None:
+        """Need neither the size of the target nor the lens."""
+
+    def sigmas_m(self, distance_m: float) -> tuple[float, float]:  # noqa: ARG002 - those of ours hardly depend on it
+        """Return the standard deviation in metres, all of which differs from one echo to the next."""
+        return self.SIGMA_M, self.SIGMA_M
+
+    def size_share(self, distance_m: float) -> float | None:  # noqa: ARG002
+        """Return None: it has no picture."""
+        return None
+
+    def is_found(self, distance_m: float) -> bool:
+        """Check whether the target is within its range."""
+        return distance_m <= self.MAX_RANGE_M
+
+
+def sensor_models(configuration: Configuration) -> Mapping[str, SensorModel]:
+    """Return the sensor model of each target, and of each range sensor. Nothing is opened.
+
+    Raises:
+        ConfigError: There is no camera model, or a detector cannot be built.
+    """
+    camera = configuration.camera_model
+    if camera is None:
+        message = "there is no camera model, so nothing has a noise"
+        raise ConfigError([Problem(message, str(configuration.path), key="camera.model")])
+    models: dict[str, SensorModel] = {each.name: RangeSensorModel() for each in configuration.sensors}
+    shared = Shared()
+    try:
+        if configuration.world is not None:
+            _build(configuration.world, camera, shared)
+        for choice in configuration.targets:
+            try:
+                shape = _build(choice, camera, shared).target_shape
+                rig = configuration.rig if math.isinf(shape.relative_sigma) else None
+                models |= dict.fromkeys(
+                    choice.members, SensorModel(shape, camera) if rig is None else TwoCameraModel(shape, rig)
+                )
+            except StadimeterError as error:
+                message = f"how large the target is cannot be known: {error}"
+                raise ConfigError([Problem(message, str(configuration.path), key=f"targets.{choice.name}")]) from error
+        return models
+    finally:
+        for close in reversed(shared.closers):
+            close()
+
+
+def _build(choice: DriverChoice, camera: CameraModel, shared: Shared) -> Any:
+    context = DriverContext(name=choice.name, clock=SteppedClock(), camera_model=camera, shared=shared)
+    return choice.options.build(context)
+
+
+# A gross error makes a distance up to this many times as large, or as small.
+OUTLIER_FACTOR = 3.0
+
+# A noisy distance below this share of the true one counts as missed: its small stated sigma would mislead.
+DROWNED_SHARE = 0.2
+
+_NORMAL = NormalDist()
+
+
+def position_at(path: Sequence[PathPoint], at_s: float) -> PathPoint:
+    """Return the true position of a target.
+
+    Args:
+        path: Where it is at certain times, in order; it stays at the last point.
+        at_s: Seconds from the start of the test.
+    """
+    index = bisect_right(path, at_s, key=lambda point: point.at_s)
+    if index == len(path):
+        return path[-1]
+    before, after = path[max(0, index - 1)], path[index]
+    span_s = after.at_s - before.at_s
+    share = (at_s - before.at_s) / span_s if span_s > 0 else 0.0
+    return PathPoint(
+        at_s=at_s,
+        distance_m=_between(before.distance_m, after.distance_m, share),
+        bearing_rad=_between(before.bearing_rad, after.bearing_rad, share),
+        elevation_rad=_between(before.elevation_rad, after.elevation_rad, share),
+    )
+
+
+def _between(start: float, end: float, share: float) -> float:
+    return start + (end - start) * share
+
+
+@dataclass(kw_only=True)
+class SyntheticTrack:
+    """Measures one target that is not there, a frame at a time.
+
+    Attributes:
+        path: Where it truly is when; empty for a target that is never in sight.
+        seed: Everything random follows from it and the target's name.
+        noise: How large the noise is, as a factor of what is expected.
+        correlation: Of the noise, from one frame to the next.
+        dropouts: The share of frames in which the target is not found.
+        outliers: The share of frames in which the distance is grossly wrong.
+        lost: When it is out of sight.
+    """
+
+    target: str
+    path: Sequence[PathPoint]
+    sensor: SensorModel
+    seed: int
+    noise: float = 1.0
+    correlation: float = 0.0
+    dropouts: float = 0.0
+    outliers: float = 0.0
+    lost: Sequence[SpanTable] = ()
+
+    def __post_init__(self) -> None:
+        self._random = random.Random(f"{self.seed}:{self.target}")  # noqa: S311 - noise, not a secret
+        self._deviation = self._normal()
+
+    def measure(self, at_s: float) -> Measurement:
+        """Measure it in the next frame.
+
+        Args:
+            at_s: When the frame was taken, in seconds from the start of the test; later than the frame before.
+        """
+        deviation = self._next_deviation()
+        is_dropped = self._random.random() < self.dropouts
+        is_outlier = self._random.random() < self.outliers
+        error = self._random.random()
+        if not self.path or any(span.holds(at_s) for span in self.lost):
+            return self._missed(at_s, "out of sight")
+        if is_dropped:
+            return self._missed(at_s, "not found in this frame")
+        true = position_at(self.path, at_s)
+        if not self.sensor.is_found(true.distance_m):
+            return self._missed(at_s, "too small in the picture")
+        _, noise_m = self.sensor.sigmas_m(true.distance_m)
+        distance_m = true.distance_m + self.noise * noise_m * deviation
+        if is_outlier:
+            distance_m = true.distance_m * OUTLIER_FACTOR ** (2 * error - 1)
+        elif distance_m < true.distance_m * DROWNED_SHARE:
+            return self._missed(at_s, "lost in the noise")
+        return self._measured(at_s, distance_m, true)
+
+    def _next_deviation(self) -> float:
+        """Return the noise of this frame in standard deviations: what is left of the last one's, and news."""
+        kept = self.correlation
+        self._deviation = kept * self._deviation + math.sqrt(1 - kept * kept) * self._normal()
+        return self._deviation
+
+    def _normal(self) -> float:
+        # The open interval: neither of its ends is a probability that has a number of standard deviations.
+        return _NORMAL.inv_cdf((self._random.getrandbits(52) + 0.5) / 2**52)
+
+    def _missed(self, at_s: float, reason: str) -> Measurement:
+        return Measurement(target=self.target, status=MeasurementStatus.NOT_FOUND, captured_at_s=at_s, reason=reason)
+
+    def _measured(self, at_s: float, distance_m: float, true: PathPoint) -> Measurement:
+        sigma_m, noise_m = self.sensor.sigmas_m(distance_m)
+        return Measurement(
+            target=self.target,
+            status=MeasurementStatus.MEASURED,
+            captured_at_s=at_s,
+            distance_m=distance_m,
+            depth_m=distance_m * math.cos(true.bearing_rad) * math.cos(true.elevation_rad),
+            sigma_m=sigma_m,
+            noise_m=noise_m,
+            bearing_rad=true.bearing_rad,
+            elevation_rad=true.elevation_rad,
+            size_share=self.sensor.size_share(distance_m),
+        )

@@ -1,1 +1,0 @@
-"""Tests that a configuration carries for its rules."""
