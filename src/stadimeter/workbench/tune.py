@@ -547,8 +547,8 @@ def _in_span(at_s: Floats, mark: FiringMark) -> Flags:
 def _turning_points(at_s: Floats, crossed: Floats) -> Iterator[float]:
     """Yield the least figure of each block of time whose neighbours have none that is less."""
     if len(at_s):
-        starts = np.unique(np.searchsorted(at_s, np.arange(at_s[0], at_s[-1], BLOCK_S)))
-        least = np.minimum.reduceat(crossed, starts) if len(starts) else crossed[:1]
+        starts = np.flatnonzero(np.diff(np.floor(at_s / BLOCK_S), prepend=-np.inf))
+        least = np.minimum.reduceat(crossed, starts)
         padded = np.concatenate([[np.inf], least, [np.inf]])
         yield from least[(padded[1:-1] <= padded[:-2]) & (padded[1:-1] <= padded[2:])]
 
