@@ -320,7 +320,7 @@ class _RuleSubject(_Subject):
     def _first(
         self, trial: Trial, key: str, kind: EventKind, expected: str, by_s: float = math.inf, not_before_s: float = 0.0
     ) -> Iterator[Failure]:
-        """Yield when the first event of a kind happened, if that is not within a stretch; why is told of its end."""
+        """Yield when the first event of a kind happened, if that is not within a stretch; why is said of its end."""
         events = self._events(trial, kind)
         if not events:
             yield self.failure(key, expected, f"never {kind.value}", min(by_s, trial.seconds))

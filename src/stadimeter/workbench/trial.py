@@ -61,7 +61,7 @@ class Trial(Struct, kw_only=True):
         seconds: The time of the last cycle.
         sent: The event of each message and notification, with the rule as its source.
         traces: What each rule did, where that changed, each with its time.
-        commands: What each output was told to do, where that changed.
+        commands: The commands of each output, where they changed.
         samples: The track of each target: times, distances (NaN for none), and standard deviations.
         measured: The measurements of each target: capture times, distances and depths.
     """
@@ -181,7 +181,7 @@ def run(plan: Plan, observations: Iterable[Observation], *watches: Callable[[flo
     """Find out what a plan would have done, from its beginning on; opens and moves nothing.
 
     Args:
-        watches: Each is told the time since the first cycle, and the decision, in every cycle.
+        watches: Each takes the time since the first cycle, and the decision, in every cycle.
     """
     trial, state = Trial(plan=plan), initial_state(plan)
     for observation in observations:
