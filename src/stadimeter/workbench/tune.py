@@ -483,16 +483,16 @@ class Search(Struct, kw_only=True):
 
     def _centre(self, found: Tried) -> Tried:
         """Return settings as good as these, each changed one in the middle of where it may be, rounded."""
-        for key, value in found.values.items():
+        for key in found.values:
             own = self._own[key]
             place = thresholds_of(self.rule).get(key)
             low, high = (place.place.low, place.place.high) if place else (0.0, math.inf)
-            far = min(max(own + NEEDED_TIMES * (value - own), low), high)
-            ends = [self._end_of(found, key, each) for each in (own, far)]
-            room = ends[1] - ends[0]
+            needed = self._end_of(found, key, own)
+            far = min(max(own + NEEDED_TIMES * (needed - own), low), high)
+            room = self._end_of(found, key, far) - needed
             # Without marks a longer delay or a wider deadband is worse: half as much again as is needed will do.
-            share = 0.5 if self._has_marks else min(0.5, 0.5 * abs(ends[0] - own) / (abs(room) or 1.0))
-            tried = self.attempt({**found.values, key: _roundest(ends[0] + share * room, abs(share * room))})
+            share = 0.5 if self._has_marks else min(0.5, 0.5 * abs(needed - own) / (abs(room) or 1.0))
+            tried = self.attempt({**found.values, key: _roundest(needed + share * room, abs(share * room))})
             found = tried if tried.score[:3] == found.score[:3] else found
         return found
 
