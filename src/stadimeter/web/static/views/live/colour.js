@@ -19,12 +19,14 @@ export function openColour(target, { api, say, unit }) {
   const leave = () => close();
   const image = h("img", { alt: "What has this colour" });
   const words = h("p", { class: "small" });
+  const wrong = h("p", { class: "banner is-error", role: "alert", hidden: true }); // each picture writes the words anew
   const save = button("Save", keep, "primary", { disabled: true });
   const dialog = h(
     "dialog",
     { class: "colour", "aria-label": `Colour of ${target}` },
     h("h2", null, `Colour of ${target}`),
     h("div", { class: "colour-beside" }, h("div", { class: "stack" }, image, words), sliders.element),
+    wrong,
     saving.element,
     h("div", { class: "row end" }, button("Close", leave), save),
   );
@@ -58,14 +60,15 @@ export function openColour(target, { api, say, unit }) {
   }
 
   async function keep() {
-    save.disabled = true;
+    save.disabled = wrong.hidden = true;
     try {
       const answer = await api.post(path, { range: sliders.range, base_version: version ?? "" });
       version = answer.version;
       saving.offer(answer);
     } catch (error) {
       save.disabled = false;
-      write(words, error.message);
+      wrong.hidden = false;
+      write(wrong, error.message);
       say(error.message, "error");
     }
   }

@@ -207,25 +207,17 @@ class SetUp {
   #say(error, again) {
     this.picture.stop();
     const final = error.code === "demonstration" && error.problems[0];
-    if (final)
-      return void replace(
-        this.#root,
-        h(
-          "div",
-          { class: "panel stack" },
-          h("h1", null, "Set-up"),
-          h("p", null, inCode(`${capital(final.message)}. ${capital(final.hint)}.`)),
-          h("div", { class: "row" }, h("a", { href: "#live", class: "button primary" }, "Watch it")),
-        ),
-      );
+    const words = final ? `${capital(final.message)}. ${capital(final.hint)}.` : error.message;
+    const watch = h("a", { href: "#live", class: "button primary" }, "Watch it");
+    const way = final ? watch : button("Try again", again, "primary");
     replace(
       this.#root,
       h(
         "div",
         { class: "panel stack" },
         h("h1", null, "Set-up"),
-        h("p", { class: "setup-error", role: "alert" }, error.message),
-        h("div", { class: "row" }, h("button", { class: "button primary", onclick: again }, "Try again")),
+        h("p", { class: final ? "" : "setup-error", role: "alert" }, inCode(words)),
+        h("div", { class: "row" }, way),
       ),
     );
   }

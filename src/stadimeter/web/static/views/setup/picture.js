@@ -24,8 +24,7 @@ export class Picture {
     this.marks = svg("svg", { class: "setup-marks", "aria-hidden": "true" });
     this.stage = h("div", { class: "setup-stage-picture" }, this.image, this.marks);
     this.caption = h("p", { class: "setup-caption quiet small", role: "status" });
-    this.below = h("div", { class: "stack" });
-    this.element = h("figure", { class: "setup-picture" }, this.stage, h("figcaption", null, this.caption, this.below));
+    this.element = h("figure", { class: "setup-picture" }, this.stage, h("figcaption", null, this.caption));
   }
 
   /** What is drawn: `{draw, onPlace(x_px, y_px), onCross(x_px, y_px), isSaid}`, where what is found is
@@ -33,10 +32,8 @@ export class Picture {
   mode(mode) {
     this.#mode = { draw: "target", ...mode };
     this.#listeners = [];
-    replace(this.below);
     replace(this.marks);
     this.#makeClickable(Boolean(mode.onPlace));
-    this.freeze(false);
   }
 
   /** Whether a step says itself what is found. */
@@ -44,19 +41,9 @@ export class Picture {
     return Boolean(this.#mode.isSaid);
   }
 
-  /** Draw other things than before, from the next picture on. */
-  draw(draw) {
-    this.#mode.draw = draw;
-  }
-
   /** Hear of the values of each picture. */
   onValues(fn) {
     this.#listeners.push(fn);
-  }
-
-  /** Keep the picture that is shown. */
-  freeze(isIt) {
-    this.isFrozen = isIt;
   }
 
   start() {
@@ -92,7 +79,7 @@ export class Picture {
     const stop = this.#stop;
     let pause = PAUSE_MS;
     try {
-      if (!this.isFrozen && !document.hidden) await this.#show(stop);
+      if (!document.hidden) await this.#show(stop);
     } catch (error) {
       if (stop.signal.aborted) return;
       this.#tell(error.message, true);
@@ -106,7 +93,7 @@ export class Picture {
     const { blob, values } = await this.api.picture(`setup/picture.jpg?draw=${this.#mode.draw}&width_px=${WIDTH_PX}`, {
       signal: stop.signal,
     });
-    if (stop.signal.aborted || this.isFrozen) return;
+    if (stop.signal.aborted) return;
     const url = URL.createObjectURL(blob);
     this.image.src = url;
     await this.image.decode().catch(() => {});
@@ -176,5 +163,4 @@ const SHAPES = {
   click: "M-2.2 0H2.2M0-2.2V2.2",
   cross: "M-6 0H-1M1 0H6M0-6V-1M0 1V6",
   other: "M0-3 3 0 0 3-3 0Z",
-  refused: "M-1.6-1.6 1.6 1.6M1.6-1.6-1.6 1.6",
 };
