@@ -28,31 +28,16 @@ from stadimeter.workbench.printing import svg_of
 from stadimeter.workbench.saving import check_is_not_ours
 from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
-from stadimeter.workbench.setup import colour_step
+from stadimeter.workbench.setup import colour_step, trying
 from stadimeter.workbench.setup.camera_step import CameraStep, HeldCamera, table_of, with_exposure
 from stadimeter.workbench.setup.colour_step import ColourTrial
-from stadimeter.workbench.setup.files import (
-    configuration_files,
-    parts_of_answers,
-)
+from stadimeter.workbench.setup.files import configuration_files, parts_of_answers
 from stadimeter.workbench.setup.interview import ANSWERS, Interview, load_answers, was_left
 from stadimeter.workbench.setup.question import CONFIGURATION, Accepted, Known, Question, SetupStep
 from stadimeter.workbench.setup.recipe_steps import BlankStep, RecipeStep, recipe_steps
 from stadimeter.workbench.setup.recipes import SCREEN, part_table
 from stadimeter.workbench.setup.target import KindStep, TargetStep, kind_steps
-from stadimeter.workbench.setup.trying import (
-    DRAWINGS,
-    describe_picture,
-    draw_findings,
-    encode_jpeg,
-    look_for_target,
-    target_so_far,
-)
-from stadimeter.workbench.wiring import (
-    circuits_picture,
-    find_outputs,
-    header_labels,
-)
+from stadimeter.workbench.wiring import circuits_picture, find_outputs, header_labels
 
 
 class SetupDesk:
@@ -71,7 +56,6 @@ class SetupDesk:
         self._configuration = configuration
         self._interview: Interview | None = None
         self._offered: DriverChoice | None = None
-        self._question: Question | None = None
         self._doubt: tuple[str, ...] = ()
         self._notes: dict[str, tuple[str, ...]] = {}
         self._trouble = ""
@@ -180,18 +164,18 @@ class SetupDesk:
         return self.shown
 
     def _moved_on(self) -> None:
-        self._question, self._offered, self._doubt, self._trouble = None, None, (), ""
+        self._offered, self._doubt, self._trouble = None, (), ""
 
     def _next_question(self, interview: Interview) -> Question | None:
         """Return the next question; where an earlier answer is of no use any more, that one is asked again."""
-        while self._question is None and interview.next_key:
+        while interview.next_key:
             try:
-                self._question = interview.question()
+                return interview.question()
             except StadimeterError as error:
                 self._trouble = str(error)
                 if not interview.back():
                     raise
-        return self._question
+        return None
 
     def _saved(self) -> Mapping[str, str]:
         return load_answers(self._file) if self._file.exists() else {}
@@ -285,21 +269,23 @@ def leave(desk: Desk, *, camera_only: bool = False) -> Mapping[str, Any]:
 def picture(desk: Desk, draw: str = "target", width_px: int = 0) -> DeskReply:
     """Answer what the camera sees now: figures, and a JPEG that may be smaller than they are about."""
     setup = setup_of(desk)
-    if draw not in DRAWINGS:
-        raise ConfigError(f"draw is one of {', '.join(DRAWINGS)}")
+    if draw not in trying.DRAWINGS:
+        raise ConfigError(f"draw is one of {', '.join(trying.DRAWINGS)}")
     frame = setup.newest()
     if draw == "mask" and setup.trial.colour:
         seen = colour_step.view_range(frame, setup.trial.colour)
-        values = {**describe_picture(frame, seen.detection, None), "words": colour_step.describe_view(seen)}
+        values = {**trying.describe_picture(frame, seen.detection, None), "words": colour_step.describe_view(seen)}
         values["range"] = setup.trial.figures(frame, seen)
         image = colour_picture(frame.image, seen, setup.trial.colour)
-        return DeskReply(data=values, attached=encode_jpeg(image, width_px))
-    target = None if draw == "plain" else target_so_far(setup.known, setup.trial.colour)
+        return DeskReply(data=values, attached=trying.encode_jpeg(image, width_px))
+    target = None if draw == "plain" else trying.target_so_far(setup.known, setup.trial.colour)
     if target is None:
-        return DeskReply(data=describe_picture(frame, None, None), attached=encode_jpeg(frame.image, width_px))
-    found, measured = look_for_target(setup.known, frame, target)
-    image = draw_findings(frame, found, measured)
-    return DeskReply(data=describe_picture(frame, found, measured), attached=encode_jpeg(image, width_px))
+        return DeskReply(
+            data=trying.describe_picture(frame, None, None), attached=trying.encode_jpeg(frame.image, width_px)
+        )
+    found, measured = trying.look_for_target(setup.known, frame, target)
+    image = trying.draw_findings(frame, found, measured)
+    return DeskReply(data=trying.describe_picture(frame, found, measured), attached=trying.encode_jpeg(image, width_px))
 
 
 @operation
@@ -321,7 +307,7 @@ def camera(desk: Desk, camera: str, exposure: str = "") -> dict[str, Any]:
         "is_locked": getattr(choice.options, "exposure", None) is not None,
         "proposed_exposure_s": better_exposure_s(frame.image, frame.exposure_s),
     }
-    return {**describe_picture(frame, None, None), **told}
+    return {**trying.describe_picture(frame, None, None), **told}
 
 
 @operation

@@ -21,12 +21,7 @@ from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA, KnownDistance
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.calibration.board_session import today
-from stadimeter.workbench.calibration.live_distance import (
-    LiveDistance,
-    fit_distances,
-    look_at_distance,
-    remedy_words,
-)
+from stadimeter.workbench.calibration.live_distance import LiveDistance, fit_distances, look_at_distance, remedy_words
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.picture_metadata import check_lens_settings
 from stadimeter.workbench.setup.question import (

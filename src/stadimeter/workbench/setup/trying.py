@@ -19,12 +19,7 @@ from stadimeter.workbench.annotation import Mark, annotate
 from stadimeter.workbench.measuring import Measuring
 from stadimeter.workbench.picture_metadata import picture_remarks
 from stadimeter.workbench.setup.question import Known
-from stadimeter.workbench.setup.target import (
-    build_target,
-    describe_detection,
-    kind_of,
-    kind_steps,
-)
+from stadimeter.workbench.setup.target import build_target, describe_detection, kind_of, kind_steps
 
 JPEG_QUALITY = 80
 
