@@ -389,7 +389,7 @@ class _OutputSubject(_Subject):
         self._expected = expected
 
     def describe(self, decision: Decision) -> str:
-        """Return what the output did, who commanded it, and why."""
+        """Describe the deeds of the output, who commanded them, and why."""
         trace = decision.outputs[self._index]
         why = trace.reason or decision.reasons.get(trace.winner, "")
         return f"{_does(decision.commands[self._index])}, commanded by {trace.winner}: {why}"

@@ -53,7 +53,7 @@ _Columns = partial(msgspec.field, default_factory=lambda: defaultdict(lambda: (a
 
 
 class Trial(Struct, kw_only=True):
-    """What a plan did on observations.
+    """The deeds of a plan on observations.
 
     Attributes:
         began_s: The beginning of the recording, on the run's clock, by which events are stamped.

@@ -497,7 +497,7 @@ class Search(Struct, kw_only=True):
         return found
 
     def _end_of(self, found: Tried, key: str, far: float) -> float:
-        """Return how far from its value towards another a setting does as well."""
+        """Return the furthest value from its own towards another at which a setting does as well."""
         near = found.values[key]
         for _ in range(_BISECTIONS):
             middle = (near + far) / 2
@@ -652,7 +652,7 @@ class Tuning:
         return all(each.is_done for each in self.recordings.values())
 
     def propose(self, rule: str, values: Mapping[str, float | str]) -> Proposal:
-        """Return what settings would have done on each recording; `ConfigError` if they cannot be used."""
+        """Return the result of settings on each recording; `ConfigError` if they cannot be used."""
         name = alarm_named(self.configuration, rule)[1].name
         text = with_settings(self.configuration, self.text, rule, values)
         place = self.configuration.path

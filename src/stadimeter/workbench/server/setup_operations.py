@@ -398,7 +398,7 @@ def _as_text(known: Known, answers: Mapping[str, str]) -> tuple[str, dict[str, s
 
 
 def _chosen_parts(desk: Desk, proposed: str) -> tuple[DriverChoice, ...]:
-    """Return what is wired by the answers, the proposed output last."""
+    """Return the wired parts by the answers, the proposed output last."""
     known = setup_of(desk).known
     outputs = [each for each in parts_of_answers(known.answers, "output").values() if each != proposed]
     pressed = parts_of_answers(known.answers, "button").values()

@@ -132,7 +132,7 @@ def recordings_of(desk: Desk) -> dict[str, Path]:
 
 
 def answer_fields(tuning: Tuning, rule: str, proposal: Proposal) -> dict[str, Any]:
-    """Return what settings would have done as JSON has it."""
+    """Return the result of settings as JSON has it."""
     settings = settings_of(tuning.configuration, rule)
     return {
         "version": editing.version_of(tuning.text),

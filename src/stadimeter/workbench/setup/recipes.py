@@ -215,7 +215,7 @@ def lines(table: Mapping[str, Any]) -> str:
 
 
 def written(blank: Blank, text: str) -> str:
-    """Return what stands in a configuration for an answer."""
+    """Return the text in a configuration for an answer."""
     if blank.kind == "option":
         return lines({blank.key: option_value(text)})
     if (table_for := _TABLES.get(blank.kind)) is not None:
