@@ -124,7 +124,7 @@ def test_a_full_disk_under_the_journal_is_told_at_once_and_at_the_end_and_ends_n
 def test_the_version_and_the_help_are_there():
     assert typed("--version").stdout.startswith("stadimeter 0.")
     shown = typed("--help").stdout
-    assert all(f" {command} " in shown for command in ("run", "demo", "measure", "calibrate", "check", "replay"))
+    assert all(f" {command} " in shown for command in ("run", "demo", "measure", "calibrate", "check", "doctor"))
     assert typed("run", "--help").returncode == 0
 
 
