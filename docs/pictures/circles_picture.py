@@ -13,7 +13,7 @@ from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.circles import CirclesDetector, CirclesOptions
 from stadimeter.detectors.disc import DiscDetector, DiscOptions
-from stadimeter.detectors.disc.ellipse import EdgePicture, Lens
+from stadimeter.detectors.disc.edges import EdgePicture, Lens
 from stadimeter.detectors.sampling import Region
 from stadimeter.ranging.measure import measure
 from support.scenes import draw

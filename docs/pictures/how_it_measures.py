@@ -16,7 +16,7 @@ from stadimeter.core.detection import Detection, Points
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.sampling import grey_of, reduced, to_full_scale
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
-from stadimeter.detectors.sheet.quadrilaterals import (
+from stadimeter.detectors.sheet.evidence import (
     SearchedPicture,
     find_quadrilaterals,
     pale_masks,

@@ -17,9 +17,8 @@ from how_it_measures import GREEN, PANEL_PX, YELLOW
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.object import ObjectOptions
-from stadimeter.detectors.object.boxes import WantedClass, fit_picture
-from stadimeter.detectors.object.families import recognise
-from stadimeter.detectors.object.following import BoxPattern, take_pattern
+from stadimeter.detectors.object.detector import BoxPattern, take_pattern
+from stadimeter.detectors.object.families import WantedClass, fit_picture, recognise
 from stadimeter.detectors.object.model_file import load_model
 from stadimeter.detectors.object.network import OpenCvEngine, to_blob
 from stadimeter.ranging.measure import measure

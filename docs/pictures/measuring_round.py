@@ -12,8 +12,7 @@ from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.blobs import ImageCircle, find_blobs, search_step
 from stadimeter.detectors.ball.limb import find_limb
-from stadimeter.detectors.disc.edges import THOROUGHLY, measure_ellipse
-from stadimeter.detectors.disc.ellipse import EdgePicture, Ellipse, Lens
+from stadimeter.detectors.disc.edges import THOROUGHLY, EdgePicture, Ellipse, Lens, measure_ellipse
 from stadimeter.detectors.disc.search import View, find_outlines
 from stadimeter.detectors.hsv import parse_hsv_range
 from stadimeter.detectors.sampling import Region

@@ -7,8 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from stadimeter.perception.mounting import MIN_INLIERS, NEAR, look_at, match_features
-from stadimeter.ranging.view_motion import fit_view_motion
+from stadimeter.perception.mounting import MIN_INLIERS, NEAR, fit_view_motion, look_at, match_features
 from support.watched_room import LENS, Pose, WatchedRoom
 
 SEED, NOON = 3, 720

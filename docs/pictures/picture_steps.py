@@ -12,8 +12,7 @@ from measuring_round import QUALITY, RED, YELLOW
 
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.picture import PictureDetector, PictureOptions
-from stadimeter.detectors.picture.alignment import PictureFeatures
+from stadimeter.detectors.picture import PictureDetector, PictureFeatures, PictureOptions
 from stadimeter.detectors.sampling import grey_of
 from support.scenes import draw
 from support.scenes.plane import Pose

@@ -11,7 +11,7 @@ from measuring_round import ENLARGED, PANEL_PX, QUALITY, RED, YELLOW, Panel
 from stadimeter.config.plugins import DETECTORS, DriverChoice, load_driver
 from stadimeter.core.frame import Frame, Image
 from stadimeter.ranging.size_from_motion import LearntSize, StepErrors, StepView, learn_size
-from stadimeter.workbench.calibration.size_by_steps import SizeSession
+from stadimeter.workbench.calibration.live_distance import SizeSession
 from support.scenes import draw
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.control import black_box as black_box_module
-from stadimeter.app.control.black_box import LONGER_MAX_S, BlackBox, BlackBoxMemory
+from stadimeter.app.control import recording as black_box_module
 from stadimeter.app.control.messages import OutputsArgs, Reply
+from stadimeter.app.control.recording import LONGER_MAX_S, BlackBox, BlackBoxMemory
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import RecordedConfiguration
@@ -26,8 +26,7 @@ from stadimeter.config.optional_tables import BlackBoxTable
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan
-from stadimeter.workbench.replay.recording_reader import McapRecording, read_mcap
-from stadimeter.workbench.replay.replay import replay_run
+from stadimeter.workbench.replay import McapRecording, read_mcap, replay_run
 from support import black_box_runs
 from support.observing import Rehearsal
 from support.simulated_run import SIMULATED_BALL

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.live.health import peak_memory_mb
-from stadimeter.app.live.history import program_age_s
+from stadimeter.app.live.health import peak_memory_mb, program_age_s
 
 DEMO = Path(__file__).parents[2] / "config" / "demo.toml"
 LARGE_MB = 300
@@ -22,7 +21,7 @@ def test_the_age_of_a_program_is_from_its_start_and_grows():
 
 @pytest.mark.long
 def test_the_age_of_a_program_counts_what_python_itself_took():
-    started = "import time; began = time.perf_counter(); from stadimeter.app.live.history import program_age_s; print("
+    started = "import time; began = time.perf_counter(); from stadimeter.app.live.health import program_age_s; print("
     told = subprocess.run(
         [sys.executable, "-c", started + "program_age_s() > time.perf_counter() - began)"],
         capture_output=True, text=True, check=True,

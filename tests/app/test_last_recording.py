@@ -18,7 +18,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError
 from stadimeter.testing.rig import eventually
-from stadimeter.workbench.replay.replay import read_recording, replay_run
+from stadimeter.workbench.replay import read_recording, replay_run
 from support.simulated_run import SIMULATED_BALL
 
 # Few cycles in a simulated minute, so that a slow disk keeps up.

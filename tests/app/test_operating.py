@@ -17,7 +17,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.errors import DriverError
 from stadimeter.testing.rig import eventually
-from stadimeter.workbench.replay.replay import read_recording, replay_run
+from stadimeter.workbench.replay import read_recording, replay_run
 from support.simulated_run import SIMULATED_BALL
 
 ROOM = (

@@ -28,8 +28,7 @@ from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import DriverUnavailableError, JournalError
 from stadimeter.ranging.ball import BallShape
-from stadimeter.workbench.replay.recording_reader import read_mcap
-from stadimeter.workbench.replay.replay import read_recording
+from stadimeter.workbench.replay import read_mcap, read_recording
 from support.each_case import each_case
 from support.observing import Rehearsal
 from support.recordings import records_of

@@ -10,11 +10,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from stadimeter.bases.ascii_base import AsciiBaseOptions, AsciiCodec
-from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelSpeeds
 from stadimeter.bases.hoverboard import HoverboardCodec
+from stadimeter.bases.protocol import DifferentialDrive, Motion, WheelSpeeds
 from stadimeter.bases.roomba_base import RoombaCodec
 from stadimeter.bases.ros_arduino_base import FRAME_S, RosArduinoCodec
-from stadimeter.bases.serial_codec import BaseMessage, SerialCodec
+from stadimeter.bases.serial_base import BaseMessage, SerialCodec
 from stadimeter.bases.waveshare_ugv import WaveshareUgvCodec
 from support.base_bench import vectors, wire
 from support.each_case import each_case

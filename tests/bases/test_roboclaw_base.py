@@ -9,10 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from stadimeter.bases.differential_drive import SpeedSteps, WheelSpeeds
+from stadimeter.bases.protocol import SpeedSteps, WheelSpeeds
 from stadimeter.bases.roboclaw_base import RoboclawCodec, RoboclawOptions
-from stadimeter.bases.serial_base import SerialBase
-from stadimeter.bases.serial_codec import BaseMessage
+from stadimeter.bases.serial_base import BaseMessage, SerialBase
 from stadimeter.errors import DeviceOpenError, LinkLostError, ProtocolError
 from stadimeter.simulation.firmware import RoboclawFirmware
 from support.base_bench import BaseBench, base_bench, opened, vectors, wire

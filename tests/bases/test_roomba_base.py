@@ -9,10 +9,9 @@ from msgspec.structs import replace
 from pydantic import ValidationError
 
 from stadimeter.app.guard import MAX_WAIT_S, REST_S, LeasedOutput
-from stadimeter.bases.differential_drive import WheelSpeeds
+from stadimeter.bases.protocol import WheelSpeeds
 from stadimeter.bases.roomba_base import RoombaCodec, RoombaOptions
-from stadimeter.bases.serial_base import SerialBase
-from stadimeter.bases.serial_link import Greeting
+from stadimeter.bases.serial_base import Greeting, SerialBase
 from stadimeter.config.plugins import SerialStop
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import ProtocolError

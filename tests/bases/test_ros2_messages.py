@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.bases.differential_drive import Motion
+from stadimeter.bases.protocol import Motion
 from stadimeter.bases.rosbridge import (
     POSE_TYPE,
     battery_from_json,

@@ -16,11 +16,9 @@ from msgspec import Struct
 from pydantic import ValidationError
 
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.bases.differential_drive import WheelSpeeds
+from stadimeter.bases.protocol import WheelSpeeds
 from stadimeter.bases.ros_arduino_base import FRAME_S, RosArduinoCodec, RosArduinoOptions
-from stadimeter.bases.serial_base import SerialBase
-from stadimeter.bases.serial_codec import BaseMessage
-from stadimeter.bases.serial_link import Greeting, SerialLink
+from stadimeter.bases.serial_base import BaseMessage, Greeting, SerialBase, SerialLink
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import CommandRangeError, DeviceClosedError, DeviceOpenError, LinkLostError, ProtocolError

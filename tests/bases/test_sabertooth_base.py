@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from stadimeter.bases.differential_drive import SpeedSteps, WheelSpeeds
+from stadimeter.bases.protocol import SpeedSteps, WheelSpeeds
 from stadimeter.bases.sabertooth_base import SabertoothCodec, SabertoothOptions
 from stadimeter.bases.serial_base import SerialBase
 from stadimeter.errors import ProtocolError

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from stadimeter.bases.differential_drive import Motion
+from stadimeter.bases.protocol import Motion
 from stadimeter.bases.serial_base import SerialBase
 from stadimeter.config.plugins import BASES, load_driver
 from stadimeter.errors import DeviceOpenError, LinkLostError

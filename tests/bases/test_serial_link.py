@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.bases import serial_link
+from stadimeter.bases import serial_base
 from stadimeter.bases.protocol import DOUBTED_AFTER_S, LATE_AFTER_S, LOOK_S, Acknowledgements
-from stadimeter.bases.serial_link import SerialLink
+from stadimeter.bases.serial_base import SerialLink
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError
 
 LATE_S = 0.06
@@ -81,7 +81,7 @@ def test_a_closed_port_can_be_opened_again(link: SerialLink, terminal: Terminal)
 
 def test_a_port_that_is_not_ours_names_the_group() -> None:
     forbidden = PermissionError(13, "Permission denied", "/dev/ttyUSB0")  # root, as in CI, may open every port
-    assert "dialout" in serial_link._open_trouble("/dev/ttyUSB0", forbidden)
+    assert "dialout" in serial_base._open_trouble("/dev/ttyUSB0", forbidden)
 
 
 def test_a_file_is_no_serial_port(tmp_path: Path) -> None:

@@ -11,8 +11,7 @@ from msgspec import Struct
 
 from stadimeter.app.guard import Guard, LeasedOutput
 from stadimeter.bases.protocol import DOUBTED_AFTER_S
-from stadimeter.bases.serial_base import STANDING
-from stadimeter.bases.serial_link import SerialLink
+from stadimeter.bases.serial_base import STANDING, SerialLink
 from stadimeter.config.plugins import BASES, load_driver
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import DriverError

@@ -37,9 +37,9 @@ from msgspec import Struct
 
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.simulation.camera import paint_ball
 from stadimeter.simulation.emulated_base import EmulatedPort
 from stadimeter.simulation.firmware import RosArduinoFirmware
-from stadimeter.simulation.silhouette import paint_ball
 from support.simulated_run import LENS as LENS_TABLE
 from support.slow_network import hand_on
 

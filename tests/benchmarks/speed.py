@@ -25,8 +25,7 @@ from workload import one_thread
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.detectors.sampling import light_table
-from stadimeter.detectors.tag.codes import tag_family
-from stadimeter.detectors.tag.search import TagSearch
+from stadimeter.detectors.tag.search import TagSearch, tag_family
 from support.scenes import draw
 from support.scenes.render import render
 from support.scenes.scene import RenderedScene, Scene

@@ -18,9 +18,10 @@ from pydantic import ValidationError
 from stadimeter.app.capture import CaptureThread, FreezeDetector
 from stadimeter.cameras import v4l2
 from stadimeter.cameras.live_camera import LiveCamera
-from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
-from stadimeter.cameras.opencv_settings import (
+from stadimeter.cameras.opencv_device import (
     FFMPEG_OPTIONS,
+    OpenCvCamera,
+    OpenCvOptions,
     apply_settings,
     size_differs,
 )

@@ -16,8 +16,7 @@ import stadimeter
 from stadimeter.cameras.image_files import ImageFilesCamera, load_picture
 from stadimeter.cameras.image_files import subsampling_of as subsampling_in
 from stadimeter.cameras.mjpeg_stream import JpegStream
-from stadimeter.cameras.opencv_device import OpenCvOptions
-from stadimeter.cameras.opencv_settings import subsampling_of
+from stadimeter.cameras.opencv_device import OpenCvOptions, subsampling_of
 from stadimeter.core.frame import SUBSAMPLINGS, Image
 from stadimeter.errors import PictureError
 from stadimeter.testing.rig import ManualClock

@@ -20,7 +20,7 @@ from stadimeter.app import ending
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.ending import END_WITHIN_S, LAST_RESORT_S, LAST_WORDS_S
 from stadimeter.messaging.apprise_notifier import PATIENCE
-from stadimeter.messaging.back_off import Patience
+from stadimeter.messaging.protocol import Patience
 from stadimeter.simulation.emulated_base import EmulatedPort
 from stadimeter.simulation.firmware import RosArduinoFirmware
 from stadimeter.testing.rig import eventually

@@ -20,8 +20,7 @@ import pytest
 from stadimeter.app.event_log import read_events
 from stadimeter.app.timeline import MEAN, event_log_beside, read_rows
 from stadimeter.testing.rig import eventually
-from stadimeter.workbench.replay.recording_reader import read_mcap
-from stadimeter.workbench.replay.replay import read_recording
+from stadimeter.workbench.replay import read_mcap, read_recording
 from support.command_line import typed
 from support.recordings import records_of
 from support.simulated_run import SIMULATED_BALL
@@ -240,7 +239,7 @@ def test_a_clip_spans_a_reload_ends_whole_at_sigterm_and_replays(tmp_path: Path)
         eventually(lambda: typed("status", env=environ).returncode == 0)
         path.write_text(path.read_text().replace("1 m", "3 m"))
         assert typed("reload", env=environ).returncode == 0
-        done = typed("clip", "--by", "zoe", "--why", "a noise", "--json", env=environ)
+        done = typed("record", "--clip", "--by", "zoe", "--why", "a noise", "--json", env=environ)
         assert done.returncode == 0
         clip = tmp_path / "recordings" / "clips" / json.loads(done.stdout)["clip"]
         eventually(clip.exists)

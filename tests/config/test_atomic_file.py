@@ -189,7 +189,7 @@ LOOKS = {
     "app/this_computer.py": "a finding of `check`, or which unit counts, of an installation",
     "app/clock.py": "nothing is opened",
     "bases/pca9685.py": "a finding of `check`; opening fails by itself",
-    "bases/serial_link.py": "a finding of `check`; opening fails by itself",
+    "bases/serial_base.py": "a finding of `check`; opening fails by itself",
     "cameras/image_files.py": "what kind of path it is; reading fails by itself",
     "cameras/opencv_device.py": "why it was not opened, or a finding of `check`",
     "cameras/picamera2_camera.py": "what is installed",

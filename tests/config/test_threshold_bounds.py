@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.alarms.settings import thresholds_of
+from stadimeter.core.alarms.machine import thresholds_of
 from stadimeter.errors import ConfigError
 from support.simulated_run import SIMULATED_BALL
 

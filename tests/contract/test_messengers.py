@@ -10,8 +10,8 @@ import pytest
 
 from stadimeter.config.plugins import MESSENGERS, NOTIFIERS, WORLDS, DriverContext, load_driver
 from stadimeter.messaging.apprise_notifier import AppriseNotifier, AppriseOptions
-from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
+from stadimeter.messaging.protocol import Patience
 from stadimeter.testing.messaging_contract import (
     GONE,
     SILENT,

@@ -15,8 +15,15 @@ from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import BaseOutput, Plan, Safety
 from stadimeter.core.rule import FollowRule, Search, SlowNear
 from stadimeter.core.rules.explaining import explain
-from stadimeter.core.rules.follow import GAIN_SHARE, MAX_GAIN_PER_S, Law, closing_speed_mps, follow_twist, law_of
-from stadimeter.core.rules.own_motion import RelativeTarget
+from stadimeter.core.rules.follow import (
+    GAIN_SHARE,
+    MAX_GAIN_PER_S,
+    Law,
+    RelativeTarget,
+    closing_speed_mps,
+    follow_twist,
+    law_of,
+)
 from stadimeter.operator_actions import OperatorAction, OperatorCommand
 from support.each_case import each_case
 from support.observing import measured, missed

@@ -19,8 +19,7 @@ from stadimeter.core.measurement import Sighting
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.rule import FollowRule, TwistRequest
-from stadimeter.core.rules.follow import Law, tilt_rate_radps
-from stadimeter.core.rules.own_motion import FloorPose, RelativeTarget, step_target_motion
+from stadimeter.core.rules.follow import FloorPose, Law, RelativeTarget, step_target_motion, tilt_rate_radps
 from stadimeter.core.rules.scheduler import arbitrate
 from stadimeter.operator_actions import OperatorAction, OperatorCommand
 from support.observing import measured

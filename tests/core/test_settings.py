@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from stadimeter.app.persistence.resumption import read_state, state_text
-from stadimeter.core.alarms.settings import show_thresholds, thresholds_of
+from stadimeter.core.alarms.machine import show_thresholds, thresholds_of
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.distance import DistanceCondition

@@ -15,7 +15,7 @@ from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.rule import AlarmRule, Template
 from stadimeter.core.templates import FIELDS, FLAG_FIELDS, NUMBER_FIELDS, TEXT_FIELDS, TemplateError
 from stadimeter.core.words import duration, figure_in_words, length, rounded_duration, short_figure, uncertain_figure
-from stadimeter.ranging.view_motion import ViewMotion
+from stadimeter.perception.mounting import ViewMotion
 from support.each_case import each_case
 
 # Durations in words.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stadimeter.core.detection import DetectionStatus, Prediction
-from stadimeter.detectors.ball.circle_votes import list_octaves, propose_circles
+from stadimeter.detectors.ball.search import list_octaves, propose_circles
 from support.scenes import draw as scenes
 from support.scenes.hard_balls import silver_ball
 from support.scenes.render import render

@@ -18,7 +18,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.disc import DiscDetector, DiscOptions
-from stadimeter.detectors.disc.ellipse import ellipse_through
+from stadimeter.detectors.disc.edges import ellipse_through
 from stadimeter.ranging.flat import DiscShape
 from support.each_case import each_case
 from support.scenes.draw import CAMERA, disc_scene, empty_scene

@@ -13,8 +13,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.blobs import ImageCircle
-from stadimeter.detectors.ball.colours import find_plausible, learn_colours, likely_drop
+from stadimeter.detectors.ball.blobs import ImageCircle, find_plausible, learn_colours, likely_drop
 from stadimeter.detectors.ball.evidence import BallScene
 from stadimeter.detectors.ball.limb import Limb, find_limb
 from stadimeter.detectors.ball.search import look_by_colour

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.blobs import ImageCircle
-from stadimeter.detectors.ball.limb_edges import LimbEdges, limb_edges
+from stadimeter.detectors.ball.limb import LimbEdges, limb_edges
 from stadimeter.detectors.sampling import light_table
 from support.scenes import draw
 from support.scenes.backdrop import PlainBackdrop

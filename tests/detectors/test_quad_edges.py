@@ -17,7 +17,7 @@ from stadimeter.detectors.sheet.edges import (
     refine_corners,
     refine_each,
 )
-from stadimeter.detectors.sheet.quadrilaterals import (
+from stadimeter.detectors.sheet.evidence import (
     SearchedPicture,
     find_quadrilaterals,
     not_seen_before,

@@ -15,8 +15,7 @@ from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.detectors.sheet.candidates import SheetFit
-from stadimeter.detectors.sheet.evidence import Looks, shape_evidence
-from stadimeter.detectors.sheet.quadrilaterals import SearchedPicture
+from stadimeter.detectors.sheet.evidence import Looks, SearchedPicture, shape_evidence
 from stadimeter.ranging.flat import SheetShape
 from support.each_case import each_case
 from support.scenes.draw import CAMERA, empty_scene, sheet_scene

@@ -20,8 +20,7 @@ from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.tag import TagDetector, TagOptions
-from stadimeter.detectors.tag.codes import DICTIONARIES, tag_family
-from stadimeter.detectors.tag.search import SAME_PX, distinct
+from stadimeter.detectors.tag.search import DICTIONARIES, SAME_PX, distinct, tag_family
 from stadimeter.detectors.tag.sides import measure_sides
 from support.each_case import each_case
 from support.scenes.draw import empty_scene, tag_scene

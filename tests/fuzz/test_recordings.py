@@ -23,8 +23,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import ConfigError, JournalError
-from stadimeter.workbench.replay.recording_reader import McapRecording
-from stadimeter.workbench.replay.replay import read_recording
+from stadimeter.workbench.replay import McapRecording, read_recording
 from support.observing import Rehearsal
 from support.recordings import records_of
 from support.replaying import replay

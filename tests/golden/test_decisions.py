@@ -14,7 +14,7 @@ from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Decision
 from stadimeter.core.observation import Observation
 from stadimeter.core.rule import AlarmRule
-from stadimeter.workbench.replay.replay import decisions, read_recording
+from stadimeter.workbench.replay import decisions, read_recording
 from support.golden import Golden, digest
 from support.random_scenes import RandomScene
 

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from stadimeter.config.plugins import MESSENGERS, DriverContext, load_driver
-from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import PahoMessenger
+from stadimeter.messaging.protocol import Patience
 from stadimeter.testing.rig import ManualClock
 from support.broker import BrokerAccess, MosquittoBroker
 from support.mqtt_listener import MqttListener

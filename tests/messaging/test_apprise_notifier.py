@@ -13,7 +13,7 @@ from stadimeter.core.decision import Severity
 from stadimeter.core.message import Notification
 from stadimeter.errors import DeviceOpenError, DriverUnavailableError
 from stadimeter.messaging.apprise_notifier import AppriseNotifier, AppriseOptions
-from stadimeter.messaging.back_off import Patience
+from stadimeter.messaging.protocol import Patience
 from stadimeter.testing.rig import eventually
 from support.webhook_listener import HOST, WebhookListener
 

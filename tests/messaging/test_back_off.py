@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from stadimeter.messaging.back_off import BackOff, Patience
+from stadimeter.messaging.protocol import BackOff, Patience
 
 
 def test_pauses_double_up_to_the_longest_and_begin_anew_after_a_reset():

@@ -12,8 +12,8 @@ from functools import partial
 import pytest
 
 from stadimeter.core.message import Message
-from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
+from stadimeter.messaging.protocol import Patience
 from stadimeter.testing.rig import eventually
 from support.broker import HOST
 

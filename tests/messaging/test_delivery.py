@@ -9,7 +9,7 @@ import pytest
 
 from stadimeter.core.message import Notification
 from stadimeter.messaging.apprise_notifier import QUEUE_MAX, Delivery
-from stadimeter.messaging.back_off import Patience
+from stadimeter.messaging.protocol import Patience
 from stadimeter.testing.rig import eventually
 
 PATIENCE = Patience(first_pause_s=0.01, longest_pause_s=0.02, goodbye_s=10.0)

@@ -10,10 +10,9 @@ import pytest
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 
-from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import MqttOptions, MqttSubscription
 from stadimeter.messaging.mqtt_client import LISTENING_PACKET_MAX
-from stadimeter.messaging.protocol import Received
+from stadimeter.messaging.protocol import Patience, Received
 from support.broker import HOST, MosquittoBroker
 
 WAIT_S = 120.0

@@ -11,10 +11,11 @@ from msgspec.structs import replace
 from stadimeter.errors import CalibrationError
 from stadimeter.perception.mounting import (
     MountingJudge,
+    ViewMotion,
+    fit_view_motion,
     keep_still,
     look_at,
 )
-from stadimeter.ranging.view_motion import ViewMotion, fit_view_motion
 from support.watched_room import FOCAL_PX, LENS, LIGHT_AGAIN_AT, Pose, WatchedRoom
 
 NOON, NIGHT, DARK = 720, 1400, 120

@@ -22,7 +22,7 @@ from stadimeter.errors import CalibrationError
 from stadimeter.perception.perceiver import Perceiver
 from stadimeter.perception.prediction import SEARCH_EVERY_S, Expectations
 from stadimeter.ranging.ball import BallShape
-from stadimeter.simulation.silhouette import paint_ball
+from stadimeter.simulation.camera import paint_ball
 from support.scenes.draw import CAMERA, TENNIS_M, ball_scene
 from support.scenes.nuisances import BALL_NUISANCES
 from support.scenes.on_floor import ball_on_floor

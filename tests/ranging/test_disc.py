@@ -15,7 +15,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.disc import DiscDetector, DiscOptions
-from stadimeter.detectors.disc.ellipse import ellipse_through
+from stadimeter.detectors.disc.edges import ellipse_through
 from stadimeter.ranging.ball import ConeFrame, SphereCone, fit_cone, with_ones
 from stadimeter.ranging.flat import DiscShape, circle_poses, cone_through
 from stadimeter.ranging.measure import measure

@@ -26,7 +26,7 @@ from stadimeter.cli.run_control import open_control_socket
 from stadimeter.config.loader import load_configuration
 from stadimeter.operator_actions import OperatorAction
 from stadimeter.testing.rig import eventually
-from stadimeter.workbench.replay.replay import read_recording, replay_run
+from stadimeter.workbench.replay import read_recording, replay_run
 from support.broker import MosquittoBroker
 from support.mqtt_asker import MqttAsker
 from support.mqtt_listener import MqttListener

@@ -16,7 +16,7 @@ from scenario.prove.proof import MOMENTS_S, Proof, prove, sequences
 from scenario.prove.staging import stage
 from stadimeter.app import capture, guard
 from stadimeter.bases import pan_servo, serial_base, waveshare_ugv
-from stadimeter.bases.differential_drive import WheelSpeeds
+from stadimeter.bases.protocol import WheelSpeeds
 from stadimeter.config.loader import load_configuration
 from stadimeter.core import decide, outputs, safety
 from stadimeter.core.plan import Tracking

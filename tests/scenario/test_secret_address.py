@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 
 from stadimeter.cli.main import app
 from stadimeter.testing.rig import eventually
-from stadimeter.workbench.replay.replay import read_recording
+from stadimeter.workbench.replay import read_recording
 from support.broker import MosquittoBroker
 from support.mqtt_listener import MqttListener
 from support.recordings import records_of

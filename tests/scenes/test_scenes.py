@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.detectors.hsv import parse_hsv_range
-from stadimeter.simulation.silhouette import silhouette
+from stadimeter.simulation.camera import silhouette
 from support.each_case import each_case
 from support.scenes import hard_flats
 from support.scenes.backdrop import ClutterBackdrop, PlainBackdrop

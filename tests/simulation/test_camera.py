@@ -18,8 +18,7 @@ from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import CalibrationError, CaptureTimeoutError, ConfigError
 from stadimeter.ranging.ball import BallShape
-from stadimeter.simulation.camera import Renderer, SimulatedCameraOptions
-from stadimeter.simulation.silhouette import hits, paint_ball, silhouette
+from stadimeter.simulation.camera import Renderer, SimulatedCameraOptions, hits, paint_ball, silhouette
 from support.each_case import each_case
 
 pytestmark = pytest.mark.vision

@@ -21,8 +21,7 @@ from stadimeter.cli.run_services import open_black_box
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decision import EventKind
 from stadimeter.core.frame import Frame
-from stadimeter.workbench.replay.recording_reader import McapRecording, read_mcap
-from stadimeter.workbench.replay.replay import replay_run
+from stadimeter.workbench.replay import McapRecording, read_mcap, replay_run
 
 CAMERA = """
 [camera]

@@ -18,7 +18,7 @@ from stadimeter.core.plan import Plan
 from stadimeter.detectors.protocol import Detector
 from stadimeter.perception.perceiver import Perceiver
 from stadimeter.ranging.ball import BallShape
-from stadimeter.simulation.silhouette import silhouette
+from stadimeter.simulation.camera import silhouette
 from support.scenes.backdrop import ClutterBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.draw import CAMERA

@@ -18,7 +18,7 @@ from stadimeter.config.plugins import DETECTORS, WORLDS, DriverContext, load_dri
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.protocol import Detector
-from stadimeter.simulation.silhouette import Vector
+from stadimeter.simulation.camera import Vector
 from stadimeter.testing.detector_contract import DetectorRig, KnownTarget
 from stadimeter.testing.rig import ManualClock
 from support.scenes.backdrop import PlainBackdrop

@@ -11,7 +11,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.alarms import alarm
-from stadimeter.core.alarms.settings import thresholds_of
+from stadimeter.core.alarms.machine import thresholds_of
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import Mount
 from stadimeter.core.clock import DAY_S

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.workbench.replay.replay import AnyRecording
+from stadimeter.workbench.replay import AnyRecording
 
 
 def records_of(recording: AnyRecording) -> Iterator[CycleRecord]:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from stadimeter.cli.replay import Difference, Replay
 from stadimeter.core.decision import Event
-from stadimeter.workbench.replay.replay import decisions
+from stadimeter.workbench.replay import decisions
 from stadimeter.workbench.trial import Trial
 
 

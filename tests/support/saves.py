@@ -28,7 +28,7 @@ from stadimeter.core.persistence import AlarmSnapshot
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.replay import read_recording
+from stadimeter.workbench.replay import read_recording
 from support.observing import Rehearsal
 
 LENS = CameraModel.with_focal_length(600.0, 640, 480)

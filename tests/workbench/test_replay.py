@@ -24,7 +24,7 @@ from stadimeter.core.persistence import snapshot_alarms
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule, OnDelay
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.replay import ReplayRun, decisions, read_recording
+from stadimeter.workbench.replay import ReplayRun, decisions, read_recording
 from stadimeter.workbench.trial import KeptRecording, SideBySide, Stay, Trial, compare, judged_apart, stays
 from support.observing import Rehearsal
 from support.random_runs import whole_run

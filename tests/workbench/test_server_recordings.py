@@ -36,7 +36,7 @@ from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import ConfigError, JournalError, NotThereError
 from stadimeter.ranging.ball import BallShape
-from stadimeter.workbench.replay.recording_reader import read_index
+from stadimeter.workbench.replay import read_index
 from stadimeter.workbench.server import timeline
 from stadimeter.workbench.server.operations import Desk, find_operation
 from stadimeter.workbench.trial import Passage

@@ -9,7 +9,7 @@ from contextlib import suppress
 from stadimeter.app.bootstrap import build
 from stadimeter.app.certificate import certificate_findings, ends_of
 from stadimeter.app.detectors import build_detectors
-from stadimeter.config.cross_checks import MAX_BLIND_S
+from stadimeter.config.checks import MAX_BLIND_S
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.loader import Configuration
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition

@@ -18,8 +18,7 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.deliveries import Deliveries
 from stadimeter.app.ending import Deadline, Steps, close_side_by_side
 from stadimeter.app.guard import Guard, make_all_safe, retire_all
-from stadimeter.app.live.health import Board, live_health
-from stadimeter.app.live.history import RunHistory
+from stadimeter.app.live.health import Board, RunHistory, live_health
 from stadimeter.app.messages import Reporter, health_figures, outgoing
 from stadimeter.config.files import sha256_of
 from stadimeter.core.decide import State, initial_state
@@ -30,14 +29,13 @@ from stadimeter.errors import EndOfFramesError
 from stadimeter.messaging.protocol import Discoverable, TakesRequests
 
 if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
-    from stadimeter.app.control.black_box import BlackBox
-    from stadimeter.app.control.recording import RecordingOnRequest
+    from stadimeter.app.control.recording import BlackBox, RecordingOnRequest
     from stadimeter.app.control.reloading import CheckedConfiguration, Restarter
     from stadimeter.app.control.requests import Control
+    from stadimeter.app.guard import WatchdogLink
     from stadimeter.app.persistence.state_writer import StateWriter
     from stadimeter.app.recordings.journal import RecordedConfiguration
     from stadimeter.app.service import Service
-    from stadimeter.app.watchdog import WatchdogLink
 
 
 Listener = Callable[[CycleRecord, Frame | None], None]

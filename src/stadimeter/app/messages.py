@@ -16,8 +16,7 @@ import stadimeter
 from stadimeter.app.deliveries import MESSENGER, Undelivered
 from stadimeter.core import message as topics
 from stadimeter.core import templates
-from stadimeter.core.alarms.machine import AlarmRecord
-from stadimeter.core.alarms.settings import show_thresholds
+from stadimeter.core.alarms.machine import AlarmRecord, show_thresholds
 from stadimeter.core.camera_pose import CameraPose
 from stadimeter.core.conditions.remembered import RememberedFigure
 from stadimeter.core.decision import SYSTEM_EVENTS, Decision, Event, EventKind, Notice, RuleStatus, RuleTrace, Severity

@@ -27,9 +27,16 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelSpeeds
-from stadimeter.bases.serial_base import DutyBaseOptions
-from stadimeter.bases.serial_codec import Answers, BaseMessage, LineReader, SerialCodec, TextLine, WheelCommand
+from stadimeter.bases.protocol import DifferentialDrive, Motion, WheelSpeeds
+from stadimeter.bases.serial_base import (
+    Answers,
+    BaseMessage,
+    DutyBaseOptions,
+    LineReader,
+    SerialCodec,
+    TextLine,
+    WheelCommand,
+)
 from stadimeter.config.plugins import OptionsTable
 from stadimeter.config.units import Duration
 

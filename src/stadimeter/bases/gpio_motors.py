@@ -20,8 +20,7 @@ from gpiozero.pins.pi import PiFactory
 from msgspec.structs import replace
 from pydantic import AfterValidator, Field, model_validator
 
-from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelSpeeds
-from stadimeter.bases.protocol import MotorOutputs
+from stadimeter.bases.protocol import DifferentialDrive, Motion, MotorOutputs, WheelSpeeds
 from stadimeter.config.plugins import PORTS, DriverContext, DriverOptions, OptionsTable, driver_names, load_driver
 from stadimeter.config.units import Duration, Frequency, Length, Pin, Speed
 from stadimeter.core.command import BaseReport, TwistCommand

@@ -19,9 +19,8 @@ import math
 import struct
 from typing import ClassVar
 
-from stadimeter.bases.differential_drive import WheelSpeeds
-from stadimeter.bases.serial_base import DutyBaseOptions
-from stadimeter.bases.serial_codec import Answers, BaseMessage, SerialCodec, WheelCommand
+from stadimeter.bases.protocol import WheelSpeeds
+from stadimeter.bases.serial_base import Answers, BaseMessage, DutyBaseOptions, SerialCodec, WheelCommand
 from stadimeter.config.units import Duration, Length
 
 START = 0xABCD

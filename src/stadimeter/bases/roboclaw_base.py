@@ -19,9 +19,8 @@ from typing import Annotated, ClassVar, Self
 from msgspec.structs import replace
 from pydantic import Field, PositiveInt, model_validator
 
-from stadimeter.bases import differential_drive
-from stadimeter.bases.serial_base import Baud, SerialBaseOptions
-from stadimeter.bases.serial_codec import Answers, BaseMessage, SerialCodec, WheelCommand
+from stadimeter.bases import protocol
+from stadimeter.bases.serial_base import Answers, BaseMessage, Baud, SerialBaseOptions, SerialCodec, WheelCommand
 from stadimeter.config.units import Duration, Length, Speed
 
 FULL_DUTY = 32767
@@ -68,15 +67,13 @@ class RoboclawCodec(SerialCodec):
     any_byte_feeds = True
     hint = "check that it is set to packet serial with this address and baud rate, that it is switched on"
 
-    def __init__(
-        self, *, address: int, steps: differential_drive.SpeedSteps, has_encoders: bool, timeout_s: float
-    ) -> None:
+    def __init__(self, *, address: int, steps: protocol.SpeedSteps, has_encoders: bool, timeout_s: float) -> None:
         self._address = address
         self._steps = steps
-        self._timeout_units = round(timeout_s / differential_drive.TIMEOUT_UNIT_S)
+        self._timeout_units = round(timeout_s / protocol.TIMEOUT_UNIT_S)
         self._unanswered: deque[int] = deque(maxlen=_MAX_UNANSWERED)
         self._buffer = bytearray()
-        self._encoders = [differential_drive.EncoderCounter(bits=32, count_m=steps.step_mps) for _ in range(2)]
+        self._encoders = [protocol.EncoderCounter(bits=32, count_m=steps.step_mps) for _ in range(2)]
         self._has_encoders = has_encoders
         self.ends_cut_frame = 2 * self.stop
         self.question = self.ask(_BATTERY)
@@ -98,7 +95,7 @@ class RoboclawCodec(SerialCodec):
         """Return a question. It has no CRC; its answer has one, which covers the question too."""
         return bytes([self._address, code])
 
-    def encode(self, wheels: differential_drive.WheelSpeeds) -> WheelCommand:
+    def encode(self, wheels: protocol.WheelSpeeds) -> WheelCommand:
         """Return the command for wheel speeds: encoder counts a second, or duties if there are no encoders."""
         left, right = self._steps.count(wheels)
         if self._has_encoders:
@@ -184,7 +181,7 @@ class RoboclawOptions(SerialBaseOptions):
     """Encoder ticks while a wheel turns once, all edges and the gear counted. None for motors without encoders."""
     full_speed: Speed | None = None
     """Without encoders: how fast a wheel rolls when its motor gets the whole voltage of the battery."""
-    auto_stop: differential_drive.SerialTimeout = 0.3
+    auto_stop: protocol.SerialTimeout = 0.3
     """The board stops when nothing came for this long."""
     boot_wait: Duration = 2.0
     """How long the board may take until it answers."""
@@ -199,7 +196,7 @@ class RoboclawOptions(SerialBaseOptions):
             raise ValueError("max_wheel_speed is beyond full_speed, which the wheels cannot exceed")
         return self
 
-    def kinematics(self) -> differential_drive.DifferentialDrive:
+    def kinematics(self) -> protocol.DifferentialDrive:
         """Return the kinematics, with a limit of whole counts a second, or of whole steps of duty."""
         return replace(super().kinematics(), max_wheel_mps=self._steps().limit_mps(self.max_wheel_speed))
 
@@ -216,7 +213,7 @@ class RoboclawOptions(SerialBaseOptions):
         """Return the serial time-out that is set at open."""
         return self.auto_stop
 
-    def _steps(self) -> differential_drive.SpeedSteps:
+    def _steps(self) -> protocol.SpeedSteps:
         if self.ticks_per_turn and self.wheel_diameter:
-            return differential_drive.SpeedSteps(step_mps=math.pi * self.wheel_diameter / self.ticks_per_turn)
-        return differential_drive.SpeedSteps(step_mps=(self.full_speed or 0.0) / FULL_DUTY)
+            return protocol.SpeedSteps(step_mps=math.pi * self.wheel_diameter / self.ticks_per_turn)
+        return protocol.SpeedSteps(step_mps=(self.full_speed or 0.0) / FULL_DUTY)

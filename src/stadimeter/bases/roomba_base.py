@@ -19,9 +19,8 @@ from typing import ClassVar, Self
 from msgspec.structs import replace
 from pydantic import model_validator
 
-from stadimeter.bases.differential_drive import DifferentialDrive, EncoderCounter, SpeedSteps, WheelSpeeds
-from stadimeter.bases.serial_base import SerialBaseOptions
-from stadimeter.bases.serial_codec import Answers, BaseMessage, SerialCodec, WheelCommand
+from stadimeter.bases.protocol import DifferentialDrive, EncoderCounter, SpeedSteps, WheelSpeeds
+from stadimeter.bases.serial_base import Answers, BaseMessage, SerialBaseOptions, SerialCodec, WheelCommand
 from stadimeter.config.plugins import SerialStop
 from stadimeter.config.units import Length
 

@@ -21,9 +21,17 @@ from typing import ClassVar, Self
 from msgspec.structs import replace
 from pydantic import Field, PositiveInt, model_validator
 
-from stadimeter.bases.differential_drive import DifferentialDrive, SpeedSteps, WheelSpeeds
-from stadimeter.bases.serial_base import Baud, SerialBaseOptions
-from stadimeter.bases.serial_codec import Answers, BaseMessage, LineReader, SerialCodec, TextLine, WheelCommand
+from stadimeter.bases.protocol import DifferentialDrive, SpeedSteps, WheelSpeeds
+from stadimeter.bases.serial_base import (
+    Answers,
+    BaseMessage,
+    Baud,
+    LineReader,
+    SerialBaseOptions,
+    SerialCodec,
+    TextLine,
+    WheelCommand,
+)
 from stadimeter.config.units import Duration, Length
 from stadimeter.errors import CommandRangeError
 

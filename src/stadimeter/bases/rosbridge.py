@@ -26,8 +26,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from pydantic import Field
 
-from stadimeter.bases.differential_drive import Motion
-from stadimeter.bases.protocol import Unacknowledged
+from stadimeter.bases.protocol import Motion, Unacknowledged
 from stadimeter.config.extras import missing
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Duration, Speed, TurnRate

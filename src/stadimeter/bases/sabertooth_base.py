@@ -14,9 +14,8 @@ from typing import Annotated, ClassVar
 from msgspec.structs import replace
 from pydantic import Field
 
-from stadimeter.bases import differential_drive
-from stadimeter.bases.serial_base import Baud, DutyBaseOptions
-from stadimeter.bases.serial_codec import Answers, BaseMessage, SerialCodec, WheelCommand
+from stadimeter.bases import protocol
+from stadimeter.bases.serial_base import Answers, BaseMessage, Baud, DutyBaseOptions, SerialCodec, WheelCommand
 from stadimeter.config.units import Duration
 
 FULL_DUTY = 127
@@ -42,11 +41,11 @@ class SabertoothCodec(SerialCodec):
     answers = Answers.NEVER
     ends_cut_frame = _BAUD_BYTE
 
-    def __init__(self, *, address: int, steps: differential_drive.SpeedSteps, timeout_s: float) -> None:
+    def __init__(self, *, address: int, steps: protocol.SpeedSteps, timeout_s: float) -> None:
         self._address = address
         self._steps = steps
         self._was_read = False
-        self._timeout = self.packet(_TIMEOUT, round(timeout_s / differential_drive.TIMEOUT_UNIT_S))
+        self._timeout = self.packet(_TIMEOUT, round(timeout_s / protocol.TIMEOUT_UNIT_S))
 
     @property
     def stop(self) -> bytes:
@@ -57,7 +56,7 @@ class SabertoothCodec(SerialCodec):
         """Return one packet."""
         return bytes([self._address, command, data, (self._address + command + data) & 0x7F])
 
-    def encode(self, wheels: differential_drive.WheelSpeeds) -> WheelCommand:
+    def encode(self, wheels: protocol.WheelSpeeds) -> WheelCommand:
         """Return the duties for wheel speeds, and the speeds that those make."""
         left, right = self._steps.count(wheels)
         return WheelCommand(frame=self._drive(left, right), sent=self._steps.speeds(left, right))
@@ -85,12 +84,12 @@ class SabertoothOptions(DutyBaseOptions):
     """As it was set in the board."""
     address: Annotated[int, Field(ge=128, le=135)] = 128
     """As the switches of the board have it."""
-    auto_stop: differential_drive.SerialTimeout = 0.3
+    auto_stop: protocol.SerialTimeout = 0.3
     """The board stops when no command came for this long."""
     boot_wait: Duration = 0.7
     """For how long stops are sent before anything else; the board needs half a second to learn the baud rate."""
 
-    def kinematics(self) -> differential_drive.DifferentialDrive:
+    def kinematics(self) -> protocol.DifferentialDrive:
         """Return the kinematics, with a limit of whole steps of duty."""
         return replace(super().kinematics(), max_wheel_mps=self._steps().limit_mps(self.max_wheel_speed))
 
@@ -102,5 +101,5 @@ class SabertoothOptions(DutyBaseOptions):
         """Return the serial time-out that is set at open."""
         return self.auto_stop
 
-    def _steps(self) -> differential_drive.SpeedSteps:
-        return differential_drive.SpeedSteps(step_mps=self.full_speed / FULL_DUTY)
+    def _steps(self) -> protocol.SpeedSteps:
+        return protocol.SpeedSteps(step_mps=self.full_speed / FULL_DUTY)

@@ -22,9 +22,16 @@ import msgspec
 from msgspec import Struct
 from pydantic import AfterValidator, model_validator
 
-from stadimeter.bases.differential_drive import WheelSpeeds
-from stadimeter.bases.serial_base import SerialBaseOptions
-from stadimeter.bases.serial_codec import Answers, BaseMessage, LineReader, SerialCodec, TextLine, WheelCommand
+from stadimeter.bases.protocol import WheelSpeeds
+from stadimeter.bases.serial_base import (
+    Answers,
+    BaseMessage,
+    LineReader,
+    SerialBaseOptions,
+    SerialCodec,
+    TextLine,
+    WheelCommand,
+)
 from stadimeter.config.units import Duration
 
 MAX_WHEEL_MPS = 2.0

@@ -48,12 +48,13 @@ from stadimeter.workbench.calibration.board_session import today
 from stadimeter.workbench.calibration.live_distance import (
     APART_MIN,
     LiveDistance,
+    SizeSession,
     Take,
     fit_distances,
     look_at_distance,
+    parse_move,
     remedy_words,
 )
-from stadimeter.workbench.calibration.size_by_steps import SizeSession, parse_move
 from stadimeter.workbench.measuring import open_picture
 
 # The command ``calibrate size``: how large a thing is, from how it grows while the camera moves by known steps --------

@@ -20,7 +20,7 @@ from stadimeter.config.units import parse_duration
 from stadimeter.core.decision import Decision
 from stadimeter.core.rules.explaining import Explanation, explain
 from stadimeter.errors import ConfigError, Problem
-from stadimeter.workbench.replay.replay import ReplayRun, read_recording, replay_run
+from stadimeter.workbench.replay import ReplayRun, read_recording, replay_run
 
 _MARKS = {True: "yes    ", False: "no     ", None: "unknown"}
 ROUNDING_S = 1e-6

@@ -19,7 +19,7 @@ from stadimeter.config.files import sha256_of
 from stadimeter.core.decision import Decision, Event
 from stadimeter.core.observation import Observation
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.replay import (
+from stadimeter.workbench.replay import (
     AnyRecording,
     Replayed,
     ReplayRun,

@@ -23,10 +23,9 @@ from stadimeter.config.optional_tables import (
     TimelineTable,
 )
 from stadimeter.config.plugins import MAX_SEVERAL, DriverChoice, numbered
-from stadimeter.config.rules.action_tables import GAPS
 from stadimeter.config.rules.compiled import CompiledRule, SeveralNames, compile_rules
 from stadimeter.config.rules.conditions import FigureTable
-from stadimeter.config.rules.tables import RuleTable
+from stadimeter.config.rules.tables import GAPS, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.toml_source import UNREADABLE, Texts
 from stadimeter.config.units import path_from, validation_context

@@ -1,6 +1,6 @@
 """Loads a configuration, or raises one error that lists everything that is wrong with it.
 
-Source with spans (`toml_source`) → models (`draft`) → compiled rules (`rules.compiled`) → checks (`cross_checks`) →
+Source with spans (`toml_source`) → models (`draft`) → compiled rules (`rules.compiled`) → findings (`checks`) →
 `Configuration`. Each step is done once; what needs a result takes it from there.
 """
 
@@ -15,7 +15,7 @@ from msgspec import field
 from msgspec.structs import replace
 
 import stadimeter
-from stadimeter.config.cross_checks import error_findings
+from stadimeter.config.checks import error_findings
 from stadimeter.config.draft import BASE_NAME, ConfiguredParts, Draft, read_draft
 from stadimeter.config.driver_tables import CAMERA, MESSENGER, DriverKind, read_driver_table
 from stadimeter.config.files import CONFIGURATION_MAX_BYTES
@@ -58,7 +58,7 @@ class Configuration(ConfiguredParts, frozen=True, kw_only=True, eq=False):  # ty
         footings: What is known of each target that is on the floor, by its name.
         mount: Where the camera sits on a robot; None for on none.
         tilt_sigma_rad: How well the camera's tilt is known; None where that is not said.
-        find_warnings: Finds what `warnings` gives.
+        find_warnings: Finds what is hardly meant, too.
         tests: The tests of its rules; none if they were not asked for.
     """
 
@@ -108,7 +108,7 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         raise ConfigError([Problem("this is a camera file, not a configuration", str(path), hint=hint)])
     draft = read_draft(source.table, path, texts)
     if with_tests and source.table.get("tests"):
-        from stadimeter.config.rule_test_checks import read_tests  # noqa: PLC0415 - most runs have no tests
+        from stadimeter.config.checks import read_tests  # noqa: PLC0415 - most runs have no tests
 
         read_tests(draft, path, source.spans)
     text, not_hidden = without_secrets(draft, source.text, source.spans)
@@ -196,7 +196,7 @@ def _output(draft: Draft, name: str, table: ActuatorTable | BaseTable) -> Output
 
 def _warnings(draft: Draft, path: Path, source: TomlSource, errors: list[Finding] | None = None) -> tuple[Problem, ...]:
     """List what deserves a look; beside errors as far as these allow."""
-    from stadimeter.config.warnings import rule_warnings, warning_findings  # noqa: PLC0415 - no run needs it to start
+    from stadimeter.config.checks import rule_warnings, warning_findings  # noqa: PLC0415 - no run needs it to start
 
     found = warning_findings(draft) if errors is None else rule_warnings(draft, errors)
     return problems(found, str(path), source.spans)

@@ -18,8 +18,7 @@ from msgspec.structs import fields, replace
 
 from stadimeter.core.alarms.actions import dismiss
 from stadimeter.core.alarms.alarm import AlarmStep, OperatedStep, renew, with_record
-from stadimeter.core.alarms.machine import AlarmRecord, AlarmState
-from stadimeter.core.alarms.settings import as_set
+from stadimeter.core.alarms.machine import AlarmRecord, AlarmState, as_set
 from stadimeter.core.alarms.state import Resumed, Timers
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.leaf import RuleInputs

@@ -25,7 +25,7 @@ from stadimeter.config.units import FilePath
 from stadimeter.core.decision import Severity, first_to_go
 from stadimeter.core.message import Notification
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverUnavailableError
-from stadimeter.messaging.back_off import BackOff, Patience
+from stadimeter.messaging.protocol import BackOff, Patience
 
 # The names that apprise has for each severity.
 KINDS = {Severity.INFO: "info", Severity.WARNING: "warning", Severity.ALARM: "failure", Severity.SAFETY: "failure"}

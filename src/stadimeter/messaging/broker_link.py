@@ -21,7 +21,6 @@ from paho.mqtt.properties import MQTTException  # type: ignore[attr-defined] # p
 from stadimeter.core.home_assistant import Announcement
 from stadimeter.core.message import AVAILABILITY, RETAINED, Message
 from stadimeter.errors import DeviceOpenError
-from stadimeter.messaging.back_off import BackOff, Patience
 from stadimeter.messaging.mqtt_client import (
     OFFLINE,
     ONLINE,
@@ -35,7 +34,7 @@ from stadimeter.messaging.mqtt_client import (
     subscribe,
 )
 from stadimeter.messaging.outbox import DirectMessage, MemoryOutbox, PendingMessage, RetainedList, pending
-from stadimeter.messaging.protocol import NoRequest, RequestMessage
+from stadimeter.messaging.protocol import BackOff, NoRequest, Patience, RequestMessage
 
 # What a broker keeps of a run, and what Home Assistant discovers of it, over every connection -------
 

@@ -13,7 +13,6 @@ from stadimeter.config.plugins import DriverContext
 from stadimeter.core.home_assistant import DiscoveryPlace
 from stadimeter.core.message import REQUEST, Message
 from stadimeter.errors import ConfigError, DeviceClosedError, DeviceOpenError
-from stadimeter.messaging.back_off import BackOff, Patience
 from stadimeter.messaging.broker_link import V5, V311, BrokerLink, RequestTopics, serve
 from stadimeter.messaging.mqtt_client import (
     LinkEvents,
@@ -24,7 +23,7 @@ from stadimeter.messaging.mqtt_client import (
     read_secrets,
     say_goodbye,
 )
-from stadimeter.messaging.protocol import CommandLevel, Received, RequestMessage
+from stadimeter.messaging.protocol import BackOff, CommandLevel, Patience, Received, RequestMessage
 from stadimeter.operator_actions import OperatorAction
 
 ASKED_S = 3.0

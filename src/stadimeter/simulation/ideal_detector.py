@@ -17,8 +17,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import check_image
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.ball import BallShape
-from stadimeter.simulation.camera import gaussian_pair, lens
-from stadimeter.simulation.silhouette import Silhouette, Vector, hits, silhouette
+from stadimeter.simulation.camera import Silhouette, Vector, gaussian_pair, hits, lens, silhouette
 from stadimeter.simulation.world import shared_world
 
 # A stated diameter may differ from the world's by this share.

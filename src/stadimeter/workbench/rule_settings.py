@@ -15,7 +15,7 @@ from stadimeter.config.loader import Configuration
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
 from stadimeter.config.toml_lines import KeyPath, set_value
 from stadimeter.config.units import parse_any_quantity
-from stadimeter.core.alarms.settings import thresholds_of
+from stadimeter.core.alarms.machine import thresholds_of
 from stadimeter.core.conditions.compounds import named_leaves
 from stadimeter.core.conditions.limits import LimitsCondition
 from stadimeter.core.conditions.measured import FigureCondition

@@ -56,7 +56,7 @@ from stadimeter.errors import ConfigError, JournalError, Problem, StadimeterErro
 from stadimeter.operator_actions import OperatorAction, OperatorCommand
 from stadimeter.ranging.similar_triangles import expect
 from stadimeter.ranging.stereo import straight_ahead_share
-from stadimeter.workbench.replay.replay import read_recording
+from stadimeter.workbench.replay import read_recording
 from stadimeter.workbench.trial import Trial, command_figures, run
 
 # The result: what happened, held against what was expected ----------------------------------------------------------

@@ -39,7 +39,7 @@ from stadimeter.core.rule import AlarmRule, FollowRule, conditions_of
 from stadimeter.core.rules.explaining import Reasons
 from stadimeter.core.rules.scheduler import asks_for, judge, with_steps
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.replay import AnyRecording, ReplayRun, decisions, first_state
+from stadimeter.workbench.replay import AnyRecording, ReplayRun, decisions, first_state
 
 # From when to when, in seconds since the beginning.
 Span = tuple[float, float]

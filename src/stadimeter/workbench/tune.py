@@ -36,7 +36,7 @@ from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.toml_lines import dotted
 from stadimeter.config.units import parse_duration
-from stadimeter.core.alarms.settings import move, thresholds_of
+from stadimeter.core.alarms.machine import move, thresholds_of
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.limits import LimitsCondition
 from stadimeter.core.conditions.measured import FigureCondition
@@ -45,7 +45,7 @@ from stadimeter.core.plan import Plan
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, DelayTolerance, OnDelay
 from stadimeter.core.words import figure_in_words
 from stadimeter.errors import ConfigError, NotThereError, Problem
-from stadimeter.workbench.replay.replay import read_recording
+from stadimeter.workbench.replay import read_recording
 from stadimeter.workbench.rule_settings import alarm_named, with_settings
 from stadimeter.workbench.rule_tests import run_rule_test
 from stadimeter.workbench.trial import (

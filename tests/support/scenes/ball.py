@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
-from stadimeter.simulation.silhouette import Vector, silhouette
+from stadimeter.simulation.camera import Vector, silhouette
 from support.scenes.target import Colour, Floats, Layer, Rays, inside
 from support.scenes.tone import decode_srgb
 
@@ -166,7 +166,7 @@ def _seam() -> Plane:
 
 # A ball, by casting rays.
 #
-# A ray d hits the sphere of radius r about c if ``(d·c)² >= |d|² (|c|² - r²)``, see `stadimeter.simulation.silhouette`.
+# A ray d hits the sphere of radius r about c if ``(d·c)² >= |d|² (|c|² - r²)``, see `stadimeter.simulation.camera`.
 
 TENNIS_BGR: Colour = (52, 232, 190)
 """The yellowish green of a tennis ball."""

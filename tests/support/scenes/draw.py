@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.simulation.silhouette import Vector
+from stadimeter.simulation.camera import Vector
 from support.scenes.backdrop import Backdrop, ClutterBackdrop, PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget

@@ -7,7 +7,7 @@ from msgspec import Struct, field
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image, Subsampling
-from stadimeter.simulation.silhouette import Vector
+from stadimeter.simulation.camera import Vector
 from support.scenes.backdrop import Backdrop, ClutterBackdrop
 from support.scenes.occluder import Hand, Occluder
 from support.scenes.sensor import Blur, Sensor

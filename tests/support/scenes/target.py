@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
-from stadimeter.simulation.silhouette import Vector
+from stadimeter.simulation.camera import Vector
 
 # A part of a picture that is worked on at a finer scale.
 

@@ -14,7 +14,7 @@ from stadimeter.app.control.socket_server import Answer, Asked
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.exact_json import plain
 from stadimeter.config.findings import did_you_mean_or_list
-from stadimeter.core.alarms.settings import show_thresholds
+from stadimeter.core.alarms.machine import show_thresholds
 from stadimeter.core.decision import Decision, SafetyMode
 from stadimeter.core.message import NEWS_S
 from stadimeter.core.persistence import ReloadedState

@@ -35,7 +35,7 @@ from stadimeter.app.deliveries import Undelivered
 from stadimeter.app.exact_json import decode, encode
 from stadimeter.app.persistence.resumption import ClockReading, Memory
 from stadimeter.config.files import rename_to_free_name
-from stadimeter.core.alarms.settings import keep_thresholds
+from stadimeter.core.alarms.machine import keep_thresholds
 from stadimeter.core.message import Message, Notification
 from stadimeter.core.persistence import Absence, AlarmSnapshot
 from stadimeter.core.rule import AlarmRule, AnyRule

@@ -13,8 +13,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.alarms import machine
 from stadimeter.core.alarms.actions import Evaluation, requests_of, stand
-from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState
-from stadimeter.core.alarms.settings import as_set, keep_thresholds
+from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState, as_set, keep_thresholds
 from stadimeter.core.alarms.state import NO_INHIBITS, Sample, SetThreshold, is_too_frequent
 from stadimeter.core.conditions.compounds import judge, leaves
 from stadimeter.core.conditions.evidence import describe_verdict

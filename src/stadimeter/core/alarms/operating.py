@@ -9,8 +9,7 @@ from msgspec.structs import replace
 from stadimeter.core.alarms import machine
 from stadimeter.core.alarms.actions import Evaluation, unshelve
 from stadimeter.core.alarms.alarm import OperatedStep, why_not_latched
-from stadimeter.core.alarms.machine import LATCHED, TRANSITIONS, Trigger
-from stadimeter.core.alarms.settings import RuleThreshold, move, thresholds_of
+from stadimeter.core.alarms.machine import LATCHED, TRANSITIONS, RuleThreshold, Trigger, move, thresholds_of
 from stadimeter.core.alarms.state import Acknowledgement, SetThreshold
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.leaf import RuleInputs

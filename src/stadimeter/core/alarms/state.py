@@ -132,7 +132,7 @@ class SetThreshold(Struct, frozen=True, kw_only=True):
     """A threshold that an operator has set, in the SI unit.
 
     Attributes:
-        key: What it is called among those of the rule; see `stadimeter.core.alarms.settings.thresholds_of`.
+        key: What it is called among those of the rule; see `stadimeter.core.alarms.machine.thresholds_of`.
         configured: What the configuration says in place of it.
         at_s: When it was set, on the run's clock.
     """

@@ -21,8 +21,7 @@ from stadimeter.core.alarms.alarm import (
     latched_until,
     policy_in_words,
 )
-from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState
-from stadimeter.core.alarms.settings import describe_thresholds
+from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState, describe_thresholds
 from stadimeter.core.conditions.evidence import Evidence, collect_evidence, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, SafetyMode

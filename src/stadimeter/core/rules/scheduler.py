@@ -18,8 +18,8 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 
 from stadimeter.core.alarms.alarm import AlarmStep, OperatedStep, Stepped, new_alarm, step_alarm, step_gate, with_record
+from stadimeter.core.alarms.machine import as_set
 from stadimeter.core.alarms.operating import operate
-from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.alarms.state import Sample
 from stadimeter.core.conditions.compounds import depends_on, judged_by_cycle, leaves
 from stadimeter.core.conditions.leaf import RuleInputs

@@ -1,7 +1,7 @@
 """The ball detector: a sphere of one colour, or of any, by the cone of rays that touches it.
 
 Blobs of the ball's colour and circles of edges say where to look (`search`). Around each, the steps from ball to
-background are found along spokes, between the pixels (`limb_edges`), and the cone of a sphere is fitted to them
+background are found along spokes, between the pixels (`limb`), and the cone of a sphere is fitted to them
 (`limb`, `stadimeter.ranging.ball`). All that is seen of a limb is weighed together (`evidence`): the likeliest is the
 ball, perhaps the ball, or no ball for the reason that speaks against it most. Where a ball is expected, only the
 ring around its predicted limb is looked at.

@@ -20,8 +20,7 @@ from msgspec.structs import replace
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Flags, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame, Image, Subsampling
-from stadimeter.detectors.ball.blobs import ImageCircle
-from stadimeter.detectors.ball.colours import separate
+from stadimeter.detectors.ball.blobs import ImageCircle, separate
 from stadimeter.detectors.ball.limb import SHARP_PX, Limb
 from stadimeter.detectors.hsv import HsvRange
 from stadimeter.detectors.protocol import check_image

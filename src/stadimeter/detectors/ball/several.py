@@ -8,9 +8,8 @@ from stadimeter.core.detection import Detection, Prediction
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.ball import BallDetector
 from stadimeter.detectors.ball.blobs import find_blobs
-from stadimeter.detectors.ball.circle_votes import are_same
 from stadimeter.detectors.ball.evidence import LIKELY, BallScene, FoundBall
-from stadimeter.detectors.ball.search import search_blobs, search_circles
+from stadimeter.detectors.ball.search import are_same, search_blobs, search_circles
 from stadimeter.detectors.hsv import HsvRange
 
 

@@ -28,8 +28,7 @@ from stadimeter.detectors.disc import (
     DiscOptions,
     Shade,
 )
-from stadimeter.detectors.disc.edges import BEND_PARTS, THOROUGHLY, quality
-from stadimeter.detectors.disc.ellipse import EdgePicture, Lens, turns
+from stadimeter.detectors.disc.edges import BEND_PARTS, THOROUGHLY, EdgePicture, Lens, quality, turns
 from stadimeter.detectors.disc.search import Disc, Judged, list_rejected
 from stadimeter.detectors.hsv import HsvRangeText
 from stadimeter.detectors.protocol import ONE_OF_A_KIND, check_image

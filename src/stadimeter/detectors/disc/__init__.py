@@ -24,8 +24,11 @@ from stadimeter.core.frame import Frame
 from stadimeter.detectors.disc.edges import (
     ROUGHLY,
     THOROUGHLY,
+    EdgePicture,
     Effort,
+    Ellipse,
     EllipseEdges,
+    Lens,
     Trouble,
     diameters_px,
     evidence,
@@ -33,7 +36,6 @@ from stadimeter.detectors.disc.edges import (
     measure_ellipse,
     quality,
 )
-from stadimeter.detectors.disc.ellipse import EdgePicture, Ellipse, Lens
 from stadimeter.detectors.disc.search import (
     MAX_REJECTED,
     MIN_RANGE,

@@ -21,8 +21,16 @@ from numpy.typing import NDArray
 
 from stadimeter.core.detection import Flags, Plane, Points, RejectedCandidate, Values
 from stadimeter.core.frame import Image
-from stadimeter.detectors.disc.edges import INSIDE, EllipseEdges, Trouble, diameters_px
-from stadimeter.detectors.disc.ellipse import Ellipse, Lens, ellipse_from_moments, ellipse_through
+from stadimeter.detectors.disc.edges import (
+    INSIDE,
+    Ellipse,
+    EllipseEdges,
+    Lens,
+    Trouble,
+    diameters_px,
+    ellipse_from_moments,
+    ellipse_through,
+)
 from stadimeter.detectors.hsv import HsvRange
 from stadimeter.detectors.sampling import Region, grey_of, reduced, to_full_scale
 

@@ -16,8 +16,15 @@ from numpy.typing import NDArray
 
 from stadimeter.config.extras import install_line, require
 from stadimeter.core.frame import Image
-from stadimeter.detectors.object.boxes import Boxes, WantedClass, fit_picture, one_each
-from stadimeter.detectors.object.families import NetworkFamily, Recognised, recognise
+from stadimeter.detectors.object.families import (
+    Boxes,
+    NetworkFamily,
+    Recognised,
+    WantedClass,
+    fit_picture,
+    one_each,
+    recognise,
+)
 from stadimeter.detectors.object.model_file import ModelFile, load_model
 from stadimeter.detectors.protocol import EngineTiming, NetworkReport
 from stadimeter.errors import DriverError

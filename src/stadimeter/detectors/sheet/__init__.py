@@ -1,7 +1,7 @@
 """The sheet detector: a flat rectangle of known size, its four corners to a few hundredths of a pixel.
 
-Outlines are proposed in `quadrilaterals`, judged in `search` by `evidence`, and their corners refined in `edges`. While
-a sheet is tracked, `follow` refines the corners that are expected, without a search.
+Outlines are proposed and judged in `evidence` for `search`, and their corners refined in `edges`. While a
+sheet is tracked, `follow` refines the corners that are expected, without a search.
 """
 
 from __future__ import annotations

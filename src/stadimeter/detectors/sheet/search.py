@@ -48,25 +48,23 @@ from stadimeter.detectors.sheet.edges import (
     refine_each,
 )
 from stadimeter.detectors.sheet.evidence import (
+    COARSE_PX,
     CUT_PX,
+    FINE_PX,
     MAX_LOG_RATIO,
     Looks,
+    SearchedPicture,
     cut_off_evidence,
     facing_evidence,
-    ratio_evidence,
-    shape_evidence,
-    sides_evidence,
-    slack_share,
-)
-from stadimeter.detectors.sheet.quadrilaterals import (
-    COARSE_PX,
-    FINE_PX,
-    SearchedPicture,
     find_quadrilaterals,
     not_seen_before,
     other_masks,
     pale_masks,
     quick_masks,
+    ratio_evidence,
+    shape_evidence,
+    sides_evidence,
+    slack_share,
 )
 from stadimeter.detectors.sides import longest_sides_px, quad_shapes, width_and_height
 from stadimeter.ranging.flat import SheetShape

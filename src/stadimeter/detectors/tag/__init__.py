@@ -28,8 +28,15 @@ from stadimeter.detectors.protocol import (
 )
 from stadimeter.detectors.sampling import grey_of, light_table, touches_border
 from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, width_and_height
-from stadimeter.detectors.tag.codes import SeenTag, TagFamilyName, tag_family
-from stadimeter.detectors.tag.search import MAX_OUTLINES, LookResult, TagSearch, candidate
+from stadimeter.detectors.tag.search import (
+    MAX_OUTLINES,
+    LookResult,
+    SeenTag,
+    TagFamilyName,
+    TagSearch,
+    candidate,
+    tag_family,
+)
 from stadimeter.detectors.tag.sides import BentSides, TagSides, edge_points, measure_sides
 from stadimeter.ranging.flat import TagShape
 

@@ -20,7 +20,7 @@ from msgspec.structs import replace
 
 from stadimeter.app.control.recording import CLIPS
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.live.history import Seen
+from stadimeter.app.live.health import Seen
 from stadimeter.app.live.pictures import Pictures
 from stadimeter.app.live.snapshot import RunSnapshot, shared_data
 from stadimeter.app.recordings.journal import Journal, JournalHeader, load_recorded
@@ -28,8 +28,7 @@ from stadimeter.config.files import JSON_MAX_BYTES, open_untrusted
 from stadimeter.core.detection import Detection, DetectionStatus, Points
 from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, JournalError, NotThereError, StadimeterError
-from stadimeter.workbench.replay.recording_reader import McapRecording, RecordedMoment, RecordingIndex, read_index
-from stadimeter.workbench.replay.replay import read_recording
+from stadimeter.workbench.replay import McapRecording, RecordedMoment, RecordingIndex, read_index, read_recording
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.run_of_desk import folder_of
 

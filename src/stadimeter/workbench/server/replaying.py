@@ -8,7 +8,7 @@ from typing import Any
 
 from stadimeter.app.live.snapshot import RunSnapshot
 from stadimeter.core.words import duration
-from stadimeter.workbench.replay.replay import ReplayRun, read_recording, replay_run
+from stadimeter.workbench.replay import ReplayRun, read_recording, replay_run
 from stadimeter.workbench.server.editing import load_text
 from stadimeter.workbench.server.operations import Desk, operation
 from stadimeter.workbench.server.recordings import about, path_of

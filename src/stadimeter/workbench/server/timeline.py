@@ -28,15 +28,14 @@ from stadimeter.app.timeline import (
     timeline_folder,
 )
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.alarms.settings import thresholds_of
+from stadimeter.core.alarms.machine import thresholds_of
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
 from stadimeter.core.rules.explaining import explain
 from stadimeter.errors import ConfigError, ControlError, StadimeterError
-from stadimeter.workbench.replay.recording_reader import RecordingIndex, read_index
-from stadimeter.workbench.replay.replay import decisions, read_recording, replay_run
+from stadimeter.workbench.replay import RecordingIndex, decisions, read_index, read_recording, replay_run
 from stadimeter.workbench.server.operations import Desk, operation
 from stadimeter.workbench.server.recordings import began_unix_s, recordings
 from stadimeter.workbench.server.run_of_desk import folder_of, run_socket

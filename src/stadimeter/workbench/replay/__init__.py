@@ -1,1 +1,0 @@
-"""Deciding again on what was recorded: replays, comparisons and explanations."""
