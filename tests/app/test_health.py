@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.live.health import peak_memory_mb, program_age_s
+from stadimeter.app.live.health import peak_memory_mb
+from stadimeter.app.live.history import program_age_s
 
 DEMO = Path(__file__).parents[2] / "config" / "demo.toml"
 LARGE_MB = 300

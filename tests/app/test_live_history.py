@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from stadimeter.app.live.health import EVENTS_MAX, WINDOW_S, RunHistory
+from stadimeter.app.live.history import EVENTS_MAX, WINDOW_S, RunHistory
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.observation import FrameStamp

@@ -11,7 +11,7 @@ import pytest
 
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.control.socket_server import ControlSocket
-from stadimeter.app.live.health import EVENTS_MAX
+from stadimeter.app.live.history import EVENTS_MAX
 from stadimeter.app.live.snapshot import LiveFeed
 from stadimeter.app.loop import Limits
 from stadimeter.app.watching import SUBSCRIPTIONS_MAX, Subscriptions

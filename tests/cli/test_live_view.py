@@ -21,7 +21,8 @@ from rich.text import Text
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.live.health import Board, DistanceSample
+from stadimeter.app.live.health import Board
+from stadimeter.app.live.history import DistanceSample
 from stadimeter.app.loop import Loop
 from stadimeter.cli.keyboard import Keyboard, RunKeys
 from stadimeter.cli.live_view import LIMIT_STYLE, LINES, LiveView, StripChart, chart_scale

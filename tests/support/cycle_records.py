@@ -9,7 +9,8 @@ from msgspec.structs import replace
 
 from stadimeter.app.clock import SteppedClock
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.live.health import Board, RunHistory
+from stadimeter.app.live.health import Board
+from stadimeter.app.live.history import RunHistory
 from stadimeter.app.live.snapshot import LiveFeed
 from stadimeter.cli.live_view import LiveView
 from stadimeter.core.command import Command, LevelCommand, TwistCommand

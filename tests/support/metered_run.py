@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.app.control.socket_server import ControlSocket
-from stadimeter.app.live.health import THERMAL, Board, RunHistory
+from stadimeter.app.live.health import THERMAL, Board
+from stadimeter.app.live.history import RunHistory
 from stadimeter.app.live.metrics import metric_families
 from stadimeter.app.live.snapshot import LiveFeed
 from stadimeter.testing.rig import ManualClock

@@ -18,7 +18,8 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.deliveries import Deliveries
 from stadimeter.app.ending import Deadline, Steps, close_side_by_side
 from stadimeter.app.guard import Guard, make_all_safe, retire_all
-from stadimeter.app.live.health import Board, RunHistory, live_health
+from stadimeter.app.live.health import Board, live_health
+from stadimeter.app.live.history import RunHistory
 from stadimeter.app.messages import Reporter, health_figures, outgoing
 from stadimeter.config.files import sha256_of
 from stadimeter.core.decide import State, initial_state

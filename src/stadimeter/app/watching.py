@@ -29,7 +29,8 @@ from stadimeter.app.control.recording import LastRecording, RecordingOnRequest, 
 from stadimeter.app.control.reloading import Reloader, Restarter, build_parts
 from stadimeter.app.control.requests import Act, Control, Take
 from stadimeter.app.control.socket_server import Answer
-from stadimeter.app.live.health import Board, RunHistory, Seen, newer
+from stadimeter.app.live.health import Board
+from stadimeter.app.live.history import RunHistory, Seen, newer
 from stadimeter.app.live.pictures import Pictures, drawn
 from stadimeter.app.live.snapshot import (
     LiveFeed,
@@ -52,7 +53,7 @@ from stadimeter.errors import ControlError
 
 if TYPE_CHECKING:
     from stadimeter.app.bootstrap import StagedWorld
-    from stadimeter.app.live.health import RunHistory
+    from stadimeter.app.live.history import RunHistory
     from stadimeter.app.loop import Loop
     from stadimeter.config.loader import Configuration
 

@@ -23,7 +23,7 @@ from rich.table import Table
 from rich.text import Text
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.live.health import DistanceSample
+from stadimeter.app.live.history import DistanceSample
 from stadimeter.app.live.snapshot import LiveFeed, RunSnapshot, why
 from stadimeter.cli.formatting import (
     METRE,

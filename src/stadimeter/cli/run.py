@@ -16,7 +16,8 @@ import typer
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.ending import end_with_input, stopping_on_signals
-from stadimeter.app.live.health import RunHistory, peak_memory_mb, percentile
+from stadimeter.app.live.health import peak_memory_mb, percentile
+from stadimeter.app.live.history import RunHistory
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.cli.exits import DONE, ConfigArgument, configuration_path, plain_errors
 from stadimeter.cli.keyboard import RunKeys

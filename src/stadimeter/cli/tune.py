@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from stadimeter.cli.completion import complete_rule
 from stadimeter.cli.exits import NOT_FOUND, plain_errors, working
 from stadimeter.config.files import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.config.loader import load_configuration
@@ -26,7 +27,7 @@ DEFAULT = Path("stadimeter.toml")
 
 
 def tune_command(
-    rule: Annotated[str, typer.Argument(metavar="RULE", help="The alarm.")],
+    rule: Annotated[str, typer.Argument(metavar="RULE", help="The alarm.", autocompletion=complete_rule)],
     recordings: Annotated[
         list[Path] | None, typer.Argument(metavar="RECORDING", help="What `run --journal` or `run --record` recorded.")
     ] = None,

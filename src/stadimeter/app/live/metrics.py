@@ -12,7 +12,8 @@ from enum import StrEnum
 from typing import Any, NamedTuple
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.live.health import CONNECTED, LiveHealth, RunHistory
+from stadimeter.app.live.health import CONNECTED, LiveHealth
+from stadimeter.app.live.history import RunHistory
 from stadimeter.app.live.snapshot import LiveFeed
 from stadimeter.core.decision import EventKind, RuleStatus, SafetyMode
 from stadimeter.core.measurement import TrackStatus

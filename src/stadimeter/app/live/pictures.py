@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.live.health import Seen
+from stadimeter.app.live.history import Seen
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame, Image

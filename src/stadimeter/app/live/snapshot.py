@@ -13,16 +13,8 @@ from msgspec import Struct, field
 
 from stadimeter.app.clock import SteppedClock
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.live.health import (
-    CONNECTED,
-    WINDOW_S,
-    Board,
-    DistanceSample,
-    LiveHealth,
-    RunHistory,
-    Seen,
-    live_health,
-)
+from stadimeter.app.live.health import CONNECTED, Board, LiveHealth, live_health
+from stadimeter.app.live.history import WINDOW_S, DistanceSample, RunHistory, Seen
 from stadimeter.core.clock import Clock
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.conditions.compounds import leaves

@@ -884,7 +884,7 @@ def describe_follow(rule: FollowRule, step: FollowStep, track: Track) -> str:
         unseen = f"{metres(*distance[:2])} is too unsure to drive by" if distance else describe_unseen(track)
         return unseen + _searching(rule, step)
     distance_m, sigma_m, bearing_rad = figures
-    where = f"{metres(distance_m, sigma_m)} at {math.degrees(bearing_rad):+.0f}°"
+    where = f"{metres(distance_m, sigma_m)} at {round(math.degrees(bearing_rad)):+d}°"
     tether = ", at the end of its tether" if step.is_tethered else ""
     return f"{where}, to keep {rule.distance_m:.2f} m ahead{tether}"
 

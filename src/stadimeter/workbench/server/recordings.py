@@ -20,7 +20,7 @@ from msgspec.structs import replace
 
 from stadimeter.app.control.recording import CLIPS
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.live.health import Seen
+from stadimeter.app.live.history import Seen
 from stadimeter.app.live.pictures import Pictures
 from stadimeter.app.live.snapshot import RunSnapshot, shared_data
 from stadimeter.app.recordings.journal import Journal, JournalHeader, load_recorded
