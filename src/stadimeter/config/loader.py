@@ -1,6 +1,6 @@
 """Loads a configuration, or raises one error that lists everything that is wrong with it.
 
-Source with spans (`toml_source`) → models (`draft`) → compiled rules (`rules.compiled`) → findings (`checks`) →
+Source with spans (`toml_source`) → models (`draft`) → compiled rules (`rules.compiled`) → checks (`checks`) →
 `Configuration`. Each step is done once; what needs a result takes it from there.
 """
 
@@ -108,7 +108,7 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         raise ConfigError([Problem("this is a camera file, not a configuration", str(path), hint=hint)])
     draft = read_draft(source.table, path, texts)
     if with_tests and source.table.get("tests"):
-        from stadimeter.config.checks import read_tests  # noqa: PLC0415 - most runs have no tests
+        from stadimeter.config.warnings import read_tests  # noqa: PLC0415 - most runs have no tests
 
         read_tests(draft, path, source.spans)
     text, not_hidden = without_secrets(draft, source.text, source.spans)
@@ -196,7 +196,7 @@ def _output(draft: Draft, name: str, table: ActuatorTable | BaseTable) -> Output
 
 def _warnings(draft: Draft, path: Path, source: TomlSource, errors: list[Finding] | None = None) -> tuple[Problem, ...]:
     """List what deserves a look; beside errors as far as these allow."""
-    from stadimeter.config.checks import rule_warnings, warning_findings  # noqa: PLC0415 - no run needs it to start
+    from stadimeter.config.warnings import rule_warnings, warning_findings  # noqa: PLC0415 - no run needs it to start
 
     found = warning_findings(draft) if errors is None else rule_warnings(draft, errors)
     return problems(found, str(path), source.spans)
