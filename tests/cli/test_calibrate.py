@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from functools import cache
 from pathlib import Path
@@ -61,6 +62,11 @@ def test_one_picture_is_enough(near: Path, output: Path) -> None:
     assert model.focal_relative_sigma == pytest.approx(0.01, abs=0.003)
     assert model.provenance.date
     assert str(near) in model.provenance.notes[0]
+    again = typed("calibrate", "distance", f"{near}@30in", *SHEET, "-o", output, "--json")
+    answer = json.loads(again.stdout)
+    assert (answer["file"], answer["replaced"]) == (str(output), True)
+    assert answer["camera_model"]["fx_px"] == answer["fit"]["focal_px"] == pytest.approx(model.fx_px)
+    assert answer["pictures"][0]["picture"] == str(near)
 
 
 def test_several_pictures_are_listed_and_combined(near: Path, output: Path, tmp_path: Path) -> None:
@@ -230,6 +236,9 @@ def test_a_right_camera_file_is_said_to_be_right(picture: Path, tmp_path: Path) 
     assert result.returncode == 0
     assert "instead of 30.0 in:" in result.stdout
     assert result.stdout.splitlines()[-1].endswith("is right within what it states")
+    answer = json.loads(_check(f"{picture}@30in", "--camera", tmp_path / "camera.toml", *SHEET, "--json").stdout)
+    assert answer["is_sound"]
+    assert answer["pictures"][0]["depth_m"] == pytest.approx(0.762)
 
 
 def test_a_wrong_camera_file_is_said_to_be_wrong_by_how_much_and_which_way(picture: Path, tmp_path: Path) -> None:

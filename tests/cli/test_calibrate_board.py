@@ -75,8 +75,10 @@ def test_a_picture_without_the_board_is_left_out_and_exits_1(
 ) -> None:
     wall = tmp_path / "wall.png"
     cv2.imwrite(str(wall), np.full((480, 640, 3), 90, np.uint8))
-    result = _run(*pictures, wall, *BOARD, "-o", output)
+    result = _run(*pictures, wall, *BOARD, "-o", output, "--json")
     assert result.returncode == 1
+    answer = json.loads(result.stdout)
+    assert (answer["file"], len(answer["views"])) == (str(output), len(pictures))
     assert f"left out: {wall}: no chessboard of 9x6 inner corners" in result.stderr
     assert output.exists()
 
@@ -270,7 +272,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def calibrate(folder: Path, *pictures: str) -> Typed:
-    paths = [folder / name for name in pictures]
+    paths = [name if name.startswith("--") else folder / name for name in pictures]
     return typed("calibrate", "floor", *paths, "--camera", folder / "camera.toml", *TAG)
 
 
@@ -282,6 +284,8 @@ def test_a_tag_on_the_floor_gives_the_lines_for_the_camera(folder: Path) -> None
     )
     assert found is not None
     height_cm, off_mm, tilt_deg, off_deg = map(float, found.groups())
+    answer = json.loads(calibrate(folder, "tag.png", "--json").stdout)
+    assert answer["height_m"] == answer["pictures"][0]["height_m"] == pytest.approx(height_cm / 100, abs=1e-4)
     drawn = tag_lying(3, 0.7)
     assert abs(height_cm / 100 - drawn.height_m) < 3 * off_mm / 1000
     assert abs(tilt_deg - math.degrees(drawn.tilt_rad)) < 3 * off_deg

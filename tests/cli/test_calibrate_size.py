@@ -113,10 +113,12 @@ def test_sideways_steps_count_as_well(camera, tmp_path) -> None:
 def test_a_picture_without_the_thing_is_left_out_with_its_reason(camera, tmp_path) -> None:
     steps = _steps(tmp_path, ways_cm=(0, 25, 30, 50))
     cv2.imwrite(str(tmp_path / "c.png"), NOTHING)
-    result = _run(*steps, "--camera", camera, *BALL)
+    result = _run(*steps, "--camera", camera, *BALL, "--json")
     assert result.returncode == 1
     assert result.stderr.startswith(f"left out: {tmp_path / 'c.png'}: no pixel")
-    assert result.stdout.startswith("diameter 18.")
+    answer = json.loads(result.stdout)
+    assert answer["diameter_m"] == pytest.approx(DIAMETER_M, rel=0.05)
+    assert answer["tolerance_m"] == pytest.approx(answer["sigma_share"] * answer["diameter_m"])
 
 
 def test_nothing_is_learnt_if_the_thing_is_in_one_picture_only(camera, tmp_path) -> None:

@@ -98,12 +98,15 @@ def test_a_board_in_only_one_picture_of_a_pair_leaves_it_out(boards: Path, outpu
     (boards / "right" / "7.png").write_bytes(wall.read_bytes())
     (boards / "left" / "7.png").write_bytes(pictures[0].read_bytes())
     try:
-        result = typed("calibrate", "stereo", *pictures_of(boards), *BOARD, "-o", output)
+        result = typed("calibrate", "stereo", *pictures_of(boards), *BOARD, "-o", output, "--json")
     finally:
         (boards / "right" / "7.png").unlink()
         (boards / "left" / "7.png").unlink()
     assert result.returncode == 1
     assert f"left out: {boards}/left/7.png, {boards}/right/7.png: {boards}/right/7.png: no chessboard" in result.stderr
+    answer = json.loads(result.stdout)
+    assert (answer["file"], answer["replaced"], len(answer["pairs"])) == (str(output), False, 7)
+    assert answer["baseline_m"] == pytest.approx(0.12, abs=0.005)
     assert output.exists()
 
 

@@ -7,17 +7,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.cli.calibrate_board import board, stereo
-from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, read_option, say_note
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, say_note
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit, format_distance
 from stadimeter.cli.target_options import (
     GivenTarget,
@@ -29,13 +29,14 @@ from stadimeter.cli.target_options import (
     give_up,
     live_camera,
     parse_known_length,
+    print_answer,
     split_pictures,
     takes_options,
     targets_from_options,
     tell_written,
 )
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
-from stadimeter.config.units import LENGTHS_M, UNKNOWN_SIZE, parse_quantity
+from stadimeter.config.units import UNKNOWN_SIZE
 from stadimeter.core.camera_model import CameraModel, ToneCurve
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.detectors.protocol import Detector
@@ -87,7 +88,6 @@ _Pictures = Annotated[
         "How far all moves may be wrong together, one standard deviation: 2 for the wheels of a robot.",
         limits=(0.0, 50.0),
     ),
-    place_error=Option("LENGTH", "How far the camera may be beside each place."),
     turn_error=Option(
         "DEGREES",
         "How far the camera may have turned between pictures: 2 in the hand, 0.1 on a slider.",
@@ -102,8 +102,8 @@ def size(
     live: LiveOption = None,
     moves: list[str] | None = None,
     step_error: float = 2.0,
-    place_error: str = "4mm",
     turn_error: float = 2.0,
+    as_json: bool = False,
 ) -> None:
     """Find out how large a thing is, from how it grows in the picture as the camera comes nearer.
 
@@ -115,6 +115,7 @@ def size(
     the distance, gives a size that is right within some per cent.
 
     Prints the size with its standard deviation, and the lines for the target's table in a configuration.
+    With --json, the last line is one object: each side in metres, such as diameter_m, tolerance_m, and the shares.
 
     With --live the program takes the pictures itself, and says when to move the camera.
 
@@ -136,7 +137,6 @@ def size(
         wanted = targets_from_options(_with_assumed_size(target))
         errors = StepErrors(
             scale_share=step_error / 100,
-            place_m=read_option(_parse_not_negative, place_error, "--place-error"),
             turn_rad=math.radians(turn_error),
         )
         camera_model = load_camera_model(camera)
@@ -146,7 +146,10 @@ def size(
         )
         learnt = learn_size(views, camera_model, errors)
         written = " ".join(text.rpartition("@")[2] for text in moves or (pictures or [])[1:])
-        _tell_size(learnt, session, target, INCH if re.search(r"\d\s*(in|ft|\"|')", written) else CENTIMETRE)
+        unit = INCH if re.search(r"\d\s*(in|ft|\"|')", written) else CENTIMETRE
+        figures = {f"{key}_m": each_m for key, each_m in session.sizes_m(learnt).items()} | asdict(learnt)
+        del figures["factor"]
+        print_answer(_size_lines(learnt, session, target, unit), figures, as_json=as_json)
     raise typer.Exit(DONE if all_found else NOT_FOUND)
 
 
@@ -180,13 +183,6 @@ def _from_files(pictures: Sequence[str], session: SizeSession) -> tuple[list[Ste
     return views, len(views) == len(taken)
 
 
-def _parse_not_negative(text: str) -> float:
-    value = parse_quantity(text, LENGTHS_M, "20 cm")
-    if value < 0:
-        raise ValueError(f"{text!r} is below zero")
-    return value
-
-
 def _from_camera(live: str, moves: Sequence[str], session: SizeSession) -> list[StepView]:
     """Ask for the camera at each place, and return how the target is seen from there."""
     for text in moves:
@@ -216,24 +212,23 @@ def _nothing_learnt(why: str) -> NoReturn:
     give_up(f"{why}, so nothing was learnt")
 
 
-def _tell_size(learnt: LearntSize, session: SizeSession, given: GivenTarget, unit: LengthUnit) -> None:
+def _size_lines(learnt: LearntSize, session: SizeSession, given: GivenTarget, unit: LengthUnit) -> Iterator[str]:
     sizes_m = session.sizes_m(learnt)
     tolerance_m = sizes_m.pop("tolerance")
     for key, size_m in sizes_m.items():
-        typer.echo(
+        yield (
             f"{key} {format_distance(size_m, learnt.sigma_share * size_m, unit)} ({learnt.sigma_share:.1%}): "
             f"steps {learnt.steps_share:.1%}, turns {learnt.turn_share:.1%}, edges {learnt.edges_share:.1%}, "
             f"lens {learnt.lens_share:.1%}"
         )
     in_mm = {key: f"{1000 * length_m:.4g} mm" for key, length_m in {**sizes_m, "tolerance": tolerance_m}.items()}
     in_mm["tolerance"] = f"{1000 * tolerance_m:.2g} mm"
-    typer.echo("for the target's table in a configuration:")
-    for key, text in in_mm.items():
-        typer.echo(f'    {key} = "{text}"')
+    yield "for the target's table in a configuration:"
+    yield from (f'    {key} = "{text}"' for key, text in in_mm.items())
     flag = next((each for each in (*sorted(_ONE_SIZE), "--sheet") if given.get(each) is not None), None)
     if flag is not None:
         both = ",".join(text.replace(" ", "") for key, text in in_mm.items() if key != "tolerance")
-        typer.echo(f"for other commands: {flag} {both} --tolerance {in_mm['tolerance'].replace(' ', '')}")
+        yield f"for other commands: {flag} {both} --tolerance {in_mm['tolerance'].replace(' ', '')}"
     if not learnt.is_proved:
         say_note("two places cannot show whether the thing came nearer or the move was wrong; a third one can")
 
@@ -250,12 +245,14 @@ def floor(
     target: GivenTarget,
     pictures: Annotated[list[Path], typer.Argument(metavar="IMAGE", help="Pictures of a tag or sheet on the floor.")],
     camera: Path,
+    as_json: bool = False,
 ) -> None:
     """Find out how high the camera is above the floor and how far it is tilted.
 
     Lay a tag or a sheet of known size flat on the floor before the camera, as near as it is seen whole, and take a
     picture. Prints the lines for `[camera]` in a configuration, with which targets that have `on_floor` are measured by
     the floor as well. Several pictures, with the tag in other places, show how level the floor is.
+    With --json, one object with height_m, height_sigma_m, tilt_rad, tilt_sigma_rad, roll_rad, and pictures likewise.
 
     **Examples**
 
@@ -272,10 +269,13 @@ def floor(
         shape = detector.target_shape
         if not isinstance(shape, SheetShape | TagShape):
             raise ConfigError(f"a {shape.label} does not show how the floor lies; lay a tag or a sheet on it")
-        views = [view for path in pictures if (view := _look(path, detector, shape, model)) is not None]
+        looked = [(str(path), _look(path, detector, shape, model)) for path in pictures]
+        views = {path: view for path, view in looked if view is not None}
         if not views:
             give_up("no picture can be used")
-        _print_lines(mean_of(views))
+        floor_view = mean_of([*views.values()])
+        figures = {**asdict(floor_view), "pictures": [{"file": path, **asdict(each)} for path, each in views.items()]}
+        print_answer(_floor_lines(views, floor_view), figures, as_json=as_json)
     raise typer.Exit(DONE if len(views) == len(pictures) else NOT_FOUND)
 
 
@@ -287,12 +287,9 @@ def _look(path: Path, detector: Detector, shape: SheetShape | TagShape, model: C
     reason = found.reason
     if found.status is DetectionStatus.FOUND:
         try:
-            view = camera_above(found, shape, lens)
+            return camera_above(found, shape, lens)
         except CalibrationError as error:
             reason = str(error)
-        else:
-            typer.echo(f"{path}  {_words(view)}")
-            return view
     typer.echo(f"left out: {path}: {reason}", err=True)
     return None
 
@@ -303,15 +300,16 @@ def _words(view: CameraAboveFloor) -> str:
     return f"{height} above the floor, tilt {tilt}"
 
 
-def _print_lines(view: CameraAboveFloor) -> None:
+def _floor_lines(views: Mapping[str, CameraAboveFloor], view: CameraAboveFloor) -> Iterator[str]:
+    yield from (f"{path}  {_words(each)}" for path, each in views.items())
     if abs(view.roll_rad) > MUCH_ROLL_RAD:
         side = "right" if view.roll_rad > 0 else "left"
         degrees = abs(math.degrees(view.roll_rad))
         say_note(f"the camera's {side} side is {degrees:.1f}° down; level it, since only its tilt is allowed for")
     height_mm, tilt_deg = 1000 * view.height_sigma_m, math.degrees(view.tilt_sigma_rad)
-    typer.echo("[camera]")
-    typer.echo(f'height = "{100 * view.height_m:.2f} cm ± {max(height_mm, 0.1):.1f} mm"')
-    typer.echo(f'tilt = "{math.degrees(view.tilt_rad):.2f} deg ± {max(tilt_deg, 0.01):.2f} deg"')
+    yield "[camera]"
+    yield f'height = "{100 * view.height_m:.2f} cm ± {max(height_mm, 0.1):.1f} mm"'
+    yield f'tilt = "{math.degrees(view.tilt_rad):.2f} deg ± {max(tilt_deg, 0.01):.2f} deg"'
 
 
 calibrate = typer.Typer(no_args_is_help=True)
@@ -348,6 +346,7 @@ def distance(
     distance_error: float = 1.0,
     tone_curve: ToneCurve = "srgb",
     perhaps: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Calibrate a camera from pictures of a target at known distances.
 
@@ -366,6 +365,9 @@ def distance(
     With --live the program takes the pictures itself: it asks for the target at one distance, takes several frames,
     then asks for it at another one, which proves the first. Here a distance is measured from the lens to the target's
     nearest point. If the distances contradict each other by more than --distance-error allows, nothing is written.
+
+    With --json, the last line is one object: file, replaced, camera_model with what the file holds, pictures with the
+    focal length that each gives, and fit with the focal length and the edge bias of all.
 
     Then `stadimeter measure` and `stadimeter run` need the camera file, and pictures from the same camera at any
     resolution of the same aspect, with the same zoom. An existing file is replaced.
@@ -398,7 +400,8 @@ def distance(
             made, all_found = _from_pictures(
                 pictures or [], wanted, distance_error / 100, tone_curve, takes_perhaps=perhaps
             )
-        tell_written(output, partial(save_camera_model, model=made.camera_model), partial(_tell, made, wanted.unit))
+        write = partial(save_camera_model, model=made.camera_model)
+        tell_written(output, write, _lines(made, wanted.unit), asdict(made), as_json=as_json)
     raise typer.Exit(DONE if all_found else NOT_FOUND)
 
 
@@ -530,34 +533,34 @@ def _say(take: Take, unit: LengthUnit) -> None:
         say_note(take.reason)
 
 
-def _tell(made: Calibration, unit: LengthUnit) -> None:
+def _lines(made: Calibration, unit: LengthUnit) -> Iterator[str]:
     name_width = max(len(each.picture) for each in made.pictures)
     for each in made.pictures:
-        _tell_picture(each, name_width, unit)
+        yield _picture_line(each, name_width, unit)
     model = made.camera_model
     share = model.focal_relative_sigma
-    typer.echo(
+    yield (
         f"focal length {model.fx_px:.1f} px ± {model.fx_px * share:.1f} ({share:.1%}) "
         f"for pictures of {model.width_px}x{model.height_px}"
     )
     if made.fit.bias_was_fitted:
-        typer.echo(f"edge bias {made.fit.edge_bias_px:+.2f} px ± {made.fit.edge_bias_sigma_px:.2f}")
+        yield f"edge bias {made.fit.edge_bias_px:+.2f} px ± {made.fit.edge_bias_sigma_px:.2f}"
     elif len(made.pictures) > 1:
-        typer.echo(f"edge bias taken as 0: {_why_no_bias(made, unit)}")
+        yield f"edge bias taken as 0: {_why_no_bias(made, unit)}"
 
 
-def _tell_picture(each: FocalLength, name_width: int, unit: LengthUnit) -> None:
+def _picture_line(each: FocalLength, name_width: int, unit: LengthUnit) -> str:
     away = format_distance(each.depth_m, None, unit)
-    typer.echo(
-        f"{each.picture:<{name_width}}  {each.width_px:.1f} x {each.height_px:.1f} px at {away}:  "
-        f"focal length {each.focal_px:.1f} px ± {each.focal_px * each.relative_sigma:.1f}; the camera file "
-        f"{each.reads}"
-    )
     if each.off_axis_rad > FAR_OFF_AXIS_RAD:
         say_note(
             f"{each.picture}: the target is {math.degrees(each.off_axis_rad):.0f}° from the middle of the "
             f"picture; {away} was taken as its depth, so the straight line to it is longer"
         )
+    return (
+        f"{each.picture:<{name_width}}  {each.width_px:.1f} x {each.height_px:.1f} px at {away}:  "
+        f"focal length {each.focal_px:.1f} px ± {each.focal_px * each.relative_sigma:.1f}; the camera file "
+        f"{each.reads}"
+    )
 
 
 def _why_no_bias(made: Calibration, unit: LengthUnit) -> str:
@@ -589,11 +592,13 @@ def check(
     camera: Path,
     distance_error: float = 1.0,
     perhaps: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Show how wrong a camera file is, from new pictures of a target at known distances.
 
     Take the pictures as for `calibrate distance`, but not the same ones. Each error is given in per cent, and in
     standard deviations of what the camera file, the picture and the tape together allow.
+    With --json, one object with is_sound, bias_share, bias_sigma_share, and the errors of the pictures.
 
     **Example**
 
@@ -609,20 +614,21 @@ def check(
         if not usable:
             give_up("no picture can be used, so nothing was checked")
         checked = check_calibration(usable, model, distance_relative_sigma=distance_error / 100)
-        _tell_check(checked, wanted.unit)
-        typer.echo(_verdict(checked, camera))
+        figures = {"is_sound": checked.is_sound, **asdict(checked)}
+        print_answer(_check_lines(checked, camera, wanted.unit), figures, as_json=as_json)
     raise typer.Exit(DONE if checked.is_sound and len(usable) == len(pictures) else NOT_FOUND)
 
 
-def _tell_check(checked: CalibrationCheck, unit: LengthUnit) -> None:
+def _check_lines(checked: CalibrationCheck, camera: Path, unit: LengthUnit) -> Iterator[str]:
     name_width = max(len(each.picture) for each in checked.pictures)
     for each in checked.pictures:
         measured = format_distance(each.measured_m, None, unit)
-        typer.echo(
+        yield (
             f"{each.picture:<{name_width}}  {measured} instead of {format_distance(each.depth_m, None, unit)}:  "
             f"{each.error_share:+.2%}, {abs(each.sigmas):.1f} σ{'  outside' if each.is_outside else ''}"
         )
-    typer.echo(f"mean error {checked.bias_share:+.2%} ± {checked.bias_sigma_share:.2%}")
+    yield f"mean error {checked.bias_share:+.2%} ± {checked.bias_sigma_share:.2%}"
+    yield _verdict(checked, camera)
 
 
 def _verdict(checked: CalibrationCheck, camera: Path) -> str:

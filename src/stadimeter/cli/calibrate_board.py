@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from stadimeter.cli.exits import DONE, NOT_FOUND, count_items, plain_errors, say_note, working
 from stadimeter.cli.target_options import (
@@ -80,6 +80,7 @@ def stereo(
     dictionary: str | None = None,
     square_error: float = 0.2,
     tone_curve: ToneCurve = "srgb",
+    as_json: bool = False,
 ) -> None:
     """Calibrate two cameras that are fixed to each other, from pictures of a board that both took at the same time.
 
@@ -93,6 +94,7 @@ def stereo(
 
     The stereo file holds both lenses, where the right camera is, and how well all of that is known together. After that
     the cameras must not move against each other: a turn by a tenth of a degree is an error of several per cent.
+    With --json, one object with file, replaced, baseline_m, baseline_sigma_m, rms_px, epipolar_px, and pairs.
 
     **Examples**
 
@@ -117,7 +119,9 @@ def stereo(
             made = found.calibrate(square_error / 100)
         lenses = {side: replace(getattr(made.rig, side), tone_curve=tone_curve) for side in ("left", "right")}
         rig = replace(made.rig, **lenses)
-        tell_written(output, partial(save_stereo_rig, rig=rig), partial(_tell_stereo, made))
+        baseline = {"baseline_m": rig.baseline_m, "baseline_sigma_m": rig.baseline_sigma_m}
+        figures = {**baseline, "rms_px": made.rms_px, "epipolar_px": made.epipolar_px, "pairs": made.pairs}
+        tell_written(output, partial(save_stereo_rig, rig=rig), _stereo_lines(made), figures, as_json=as_json)
     all_used = not found.missed and not any(each.why_left_out for each in made.pairs)
     raise typer.Exit(DONE if all_used else NOT_FOUND)
 
@@ -126,24 +130,24 @@ def _watched(paths: Sequence[Path]) -> Iterable[Path]:
     return count_items(paths, "looking for the board in pictures", len(paths))
 
 
-def _tell_stereo(made: StereoCalibration) -> None:
+def _stereo_lines(made: StereoCalibration) -> Iterator[str]:
     name_width = max(len(f"{each.left}, {each.right}") for each in made.pairs)
     for number, each in enumerate(made.pairs, 1):
         error = "" if math.isnan(each.rms_px) else f"error {each.rms_px:.2f} px, epipolar {each.epipolar_px:.2f} px"
         left_out = f"  left out: {each.why_left_out}" if each.why_left_out else ""
-        typer.echo(f"pair {number:<2}  {f'{each.left}, {each.right}':<{name_width}}  {error}{left_out}".rstrip())
+        yield f"pair {number:<2}  {f'{each.left}, {each.right}':<{name_width}}  {error}{left_out}".rstrip()
     rig, used = made.rig, sum(not each.why_left_out for each in made.pairs)
-    typer.echo(f"error {made.rms_px:.3f} px over {used} pairs, epipolar {made.epipolar_px:.3f} px")
+    yield f"error {made.rms_px:.3f} px over {used} pairs, epipolar {made.epipolar_px:.3f} px"
     for name, lens in (("left", rig.left), ("right", rig.right)):
         share = lens.focal_relative_sigma
-        typer.echo(f"{name} camera: focal length {lens.fx_px:.1f} px ± {lens.fx_px * share:.1f} ({share:.2%})")
+        yield f"{name} camera: focal length {lens.fx_px:.1f} px ± {lens.fx_px * share:.1f} ({share:.2%})"
     turned = math.degrees(math.hypot(*rig.turn_rad))
-    typer.echo(
+    yield (
         f"the cameras are {1000 * rig.baseline_m:.2f} mm ± {1000 * rig.baseline_sigma_m:.2f} apart, and turned against "
         f"each other by {turned:.2f}°"
     )
     sure = ", ".join(f"{straight_ahead_share(rig, away_m):.2%} at {away_m:g} m" for away_m in _SHOWN_M)
-    typer.echo(f"distances straight ahead are sure to {sure}, besides the noise of the pictures")
+    yield f"distances straight ahead are sure to {sure}, besides the noise of the pictures"
     for advice in _advice_stereo(made, used):
         say_note(advice)
 
@@ -184,6 +188,7 @@ def board(
     dictionary: str | None = None,
     tone_curve: ToneCurve = "srgb",
     live: LiveOption = None,
+    as_json: bool = False,
 ) -> None:
     """Calibrate a camera, distortion included, from pictures of a chessboard or a ChArUco board.
 
@@ -198,6 +203,9 @@ def board(
     With --live no pictures need to be taken: move the board about before the camera, and hold it still for a moment
     each time. Each view is reported with its error, and with what is still missing. It ends when the views are enough,
     or with Ctrl-C, and calibrates from what it has.
+
+    With --json, the last line is one object: file, replaced, camera_model with what the file holds, views, rms_px,
+    coverage, uncovered and bend_m.
 
     **Examples**
 
@@ -217,7 +225,8 @@ def board(
         check_one_source(pictures, live, "pictures of the board")
         made, all_used = _from_camera(live, wanted) if live else _from_pictures(pictures or [], wanted)
         model = replace(made.camera_model, tone_curve=tone_curve)
-        tell_written(output, partial(save_camera_model, model=model), partial(_tell, made))
+        figures = asdict(replace(made, camera_model=model))
+        tell_written(output, partial(save_camera_model, model=model), _lines(made), figures, as_json=as_json)
     raise typer.Exit(DONE if all_used else NOT_FOUND)
 
 
@@ -284,18 +293,18 @@ def _size(text: str, option: str, least: int) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def _tell(made: BoardCalibration) -> None:
+def _lines(made: BoardCalibration) -> Iterator[str]:
     name_width = max(len(each.picture) for each in made.views)
     for each in made.views:
         error = "" if math.isnan(each.rms_px) else f", error {each.rms_px:.2f} px"
         left_out = f"  left out: {each.why_left_out}" if each.was_left_out else ""
-        typer.echo(f"{each.picture:<{name_width}}  {each.corners} corners{error}{left_out}")
+        yield f"{each.picture:<{name_width}}  {each.corners} corners{error}{left_out}"
     model = made.camera_model
     used = sum(not each.was_left_out for each in made.views)
-    typer.echo(f"error {made.rms_px:.3f} px over {used} pictures, with corners in {made.coverage:.0%} of the picture")
+    yield f"error {made.rms_px:.3f} px over {used} pictures, with corners in {made.coverage:.0%} of the picture"
     share = model.focal_relative_sigma
     focal = f"{model.fx_px:.1f} px ± {model.fx_px * share:.1f} ({share:.2%}) across, {model.fy_px:.1f} px down"
-    typer.echo(f"focal length {focal}, for pictures of {model.width_px}x{model.height_px}")
+    yield f"focal length {focal}, for pictures of {model.width_px}x{model.height_px}"
     for advice in _advice(made):
         say_note(advice)
 

@@ -14,7 +14,7 @@ from msgspec import Struct
 
 from stadimeter.app.exact_json import plain
 from stadimeter.cameras.protocol import AttachedCamera, CameraMode
-from stadimeter.cli.exits import DONE, NOT_FOUND, make_folder, plain_errors, read_option, say_note
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, read_option, say_note
 from stadimeter.cli.target_options import LiveOption, camera_choice
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import parse_duration
@@ -39,9 +39,6 @@ def cameras(
     is_tried: Annotated[
         bool, typer.Option("--try/--no-try", help="Open each camera and take a picture, or only list them.")
     ] = True,
-    folder: Annotated[
-        Path | None, typer.Option("--snapshot", metavar="DIR", help="Write a picture of each camera there.")
-    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON array, for programs.")] = False,
 ) -> None:
     """List the cameras on this computer, each by the path that stays right.
@@ -56,21 +53,18 @@ def cameras(
 
     - `stadimeter cameras`
 
-    - `stadimeter cameras stadimeter.toml --snapshot pictures`
+    - `stadimeter cameras stadimeter.toml`
 
     **Exit code**: 0 every camera that is there gives pictures; 1 there is none, or one cannot be opened; 2 an option is
     wrong.
     """
     with plain_errors():
         like = camera_choice(str(config)) if config is not None else None
-        if folder is not None:
-            make_folder(folder, "--snapshot")
         seen = []
         for number, camera in enumerate(list_cameras(), start=1):
             if not as_json:
                 _list(number, camera)
-            picture = folder / f"camera-{number}.png" if folder is not None else None
-            seen.append(_check_camera(camera, like, picture, is_tried=is_tried or folder is not None))
+            seen.append(_check_camera(camera, like, is_tried=is_tried))
             if not as_json:
                 _tell(seen[-1])
         if as_json:
@@ -86,7 +80,6 @@ class _CheckedCamera(Struct, frozen=True, kw_only=True):
     camera: AttachedCamera
     trouble: str
     shot: CameraShot | None = None
-    picture: Path | None = None
 
     def record(self) -> dict[str, Any]:
         """Return it as the object that ``--json`` prints."""
@@ -102,22 +95,17 @@ class _CheckedCamera(Struct, frozen=True, kw_only=True):
             "height_px": self.shot and self.shot.frame.height_px,
             "settings_not_taken": self.shot and self.shot.settings,
             "faults": self.shot and self.shot.faults,
-            "picture": self.picture and str(self.picture),
         }
 
 
-def _check_camera(
-    camera: AttachedCamera, like: DriverChoice | None, picture: Path | None, *, is_tried: bool
-) -> _CheckedCamera:
+def _check_camera(camera: AttachedCamera, like: DriverChoice | None, *, is_tried: bool) -> _CheckedCamera:
     if camera.trouble or not is_tried:
         return _CheckedCamera(camera=camera, trouble=camera.trouble)
     typer.echo(f"opening {camera.name} …", err=True)
     shot = first_picture(choice_of(camera, like))
     if isinstance(shot, str):
         return _CheckedCamera(camera=camera, trouble=shot)
-    if picture is not None:
-        write_picture(picture, shot.frame.image, shot.frame.optics)
-    return _CheckedCamera(camera=camera, trouble="", shot=shot, picture=picture)
+    return _CheckedCamera(camera=camera, trouble="", shot=shot)
 
 
 def _list(number: int, camera: AttachedCamera) -> None:
@@ -146,8 +134,6 @@ def _tell(seen: _CheckedCamera) -> None:
     typer.echo(f"   gives {seen.shot.frame.width_px} × {seen.shot.frame.height_px}: {took}")
     for fault in seen.shot.faults:
         typer.echo(f"   {fault}")
-    if seen.picture is not None:
-        typer.echo(f"   wrote {seen.picture}")
 
 
 def snapshot(

@@ -6,16 +6,18 @@ import functools
 import inspect
 import re
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar, cast, get_origin
 
 import typer
-from msgspec import Struct
+from msgspec import Struct, json
 from msgspec.structs import replace
 from pydantic import ValidationError
 
+from stadimeter.app.exact_json import plain
 from stadimeter.cli.exits import NOT_FOUND, read_option, say_note
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit
 from stadimeter.config.files import is_file
@@ -441,9 +443,20 @@ def give_up(why: str) -> NoReturn:
     raise typer.Exit(NOT_FOUND)
 
 
-def tell_written(path: Path, write: Callable[[Path], None], tell: Callable[[], None]) -> None:
-    """Write a file, tell about it, and then whether it took the place of another."""
+def print_answer(lines: Iterable[str], figures: Mapping[str, object], *, as_json: bool) -> None:
+    """Print an answer as lines, or as one JSON object with null for NaN; notes among the lines are said."""
+    for line in lines:
+        if not as_json:
+            typer.echo(line)
+    if as_json:
+        typer.echo(json.encode(plain(figures)).decode())
+
+
+def tell_written(
+    path: Path, write: Callable[[Path], None], lines: Iterable[str], figures: Mapping[str, object], *, as_json: bool
+) -> None:
+    """Write a file, and print the answer that it comes from, and whether it took the place of another."""
     replaced = path.exists()
     write(path)
-    tell()
-    typer.echo(f"{'replaced' if replaced else 'wrote'} {path}")
+    said = f"{'replaced' if replaced else 'wrote'} {path}"
+    print_answer(chain(lines, (said,)), {"file": str(path), "replaced": replaced, **figures}, as_json=as_json)
