@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
-from msgspec.structs import asdict, replace
+from msgspec.structs import asdict
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.cli.calibrate_board import board, stereo
@@ -345,7 +345,6 @@ def distance(
     output: Path,
     distance_error: float = 1.0,
     tone_curve: ToneCurve = "srgb",
-    perhaps: bool = False,
     as_json: bool = False,
 ) -> None:
     """Calibrate a camera from pictures of a target at known distances.
@@ -356,8 +355,7 @@ def distance(
     distances, are better: how far they differ shows how sure the focal length is, and from near and far ones the edge
     bias is found as well, by how much every edge is seen too far out.
 
-    What is only perhaps the target calibrates nothing: look at it with `stadimeter measure --annotate`, and give
-    --perhaps if it is the target.
+    What is only perhaps the target calibrates nothing: come nearer, or add light.
 
     Pictures of a raw or scientific camera, whose values are in proportion to light, need --tone-curve linear, which the
     camera file then holds. Through the wrong curve each edge is off by some tenths of a pixel.
@@ -388,8 +386,6 @@ def distance(
         check_one_source(pictures, live, "pictures at known distances")
         if at and not live:
             raise ConfigError("--at says where to put the target before a camera; give --live with it")
-        if perhaps and live:
-            raise ConfigError("--perhaps says that a picture was looked at; before a camera move nearer, or add light")
         wanted = targets_from_options(target)
         if live:
             if not output.parent.is_dir():  # known before the person walks to and fro, not after it
@@ -397,9 +393,7 @@ def distance(
             made = _live_distances(live, at or [], wanted, distance_error / 100, tone_curve)
             all_found = True
         else:
-            made, all_found = _from_pictures(
-                pictures or [], wanted, distance_error / 100, tone_curve, takes_perhaps=perhaps
-            )
+            made, all_found = _from_pictures(pictures or [], wanted, distance_error / 100, tone_curve)
         write = partial(save_camera_model, model=made.camera_model)
         tell_written(output, write, _lines(made, wanted.unit), asdict(made), as_json=as_json)
     raise typer.Exit(DONE if all_found else NOT_FOUND)
@@ -410,11 +404,9 @@ def _from_pictures(
     wanted: WantedTargets,
     distance_relative_sigma: float,
     tone_curve: ToneCurve,
-    *,
-    takes_perhaps: bool,
 ) -> tuple[Calibration, bool]:
     """Calibrate; return the calibration, and whether it comes from all pictures."""
-    usable = _look_at(pictures, wanted, None, takes_perhaps=takes_perhaps)
+    usable = _look_at(pictures, wanted, None)
     if not usable:
         _nothing_written("no picture can be used")
     fit = fit_distances(
@@ -439,19 +431,16 @@ def _from_pictures(
     return fit.calibration, len(usable) == len(pictures) and not (fit.left_out or fit.outliers)
 
 
-def _look_at(
-    pictures: Sequence[str], wanted: WantedTargets, camera_model: CameraModel | None, *, takes_perhaps: bool
-) -> list[KnownDistance]:
+def _look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: CameraModel | None) -> list[KnownDistance]:
     """Return the pictures in which the target is found; say on standard error which cannot be used, and why."""
     taken = split_pictures(pictures, parse_known_length, "how far away the target is", "24in")
     (target,) = build_detectors(wanted.choices, camera_model)
-    seen = [look_at_distance(str(path), open_picture(path), depth_m, target, camera_model) for path, depth_m in taken]
-    known = [replace(each, is_confirmed=takes_perhaps) for each in seen]
+    known = [look_at_distance(str(path), open_picture(path), depth_m, target, camera_model) for path, depth_m in taken]
     for each in known:
         if each.detection.is_whole and not each.is_usable:
             x_px, y_px = each.detection.centre_px
             perhaps = f"at {x_px:.0f}, {y_px:.0f} px is perhaps the target: {each.detection.reason}"
-            typer.echo(f"left out: {each.picture}: {perhaps}; --perhaps takes it", err=True)
+            typer.echo(f"left out: {each.picture}: {perhaps}", err=True)
         elif not each.is_usable:
             remedy = remedy_words(each, open_picture(Path(each.picture)), wanted.choices[0], camera_model)
             typer.echo(f"left out: {each.picture}: {each.detection.reason}{remedy}", err=True)
@@ -591,7 +580,6 @@ def check(
     pictures: PicturesAtDistances,
     camera: Path,
     distance_error: float = 1.0,
-    perhaps: bool = False,
     as_json: bool = False,
 ) -> None:
     """Show how wrong a camera file is, from new pictures of a target at known distances.
@@ -610,7 +598,7 @@ def check(
     with plain_errors():
         wanted = targets_from_options(target)
         model = load_camera_model(camera)
-        usable = _look_at(pictures, wanted, model, takes_perhaps=perhaps)
+        usable = _look_at(pictures, wanted, model)
         if not usable:
             give_up("no picture can be used, so nothing was checked")
         checked = check_calibration(usable, model, distance_relative_sigma=distance_error / 100)

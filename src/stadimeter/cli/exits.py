@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import select
-import stat
 import sys
 import threading
 import time
@@ -206,14 +205,6 @@ def count_items(items: Iterable[_T], doing: str, total: int) -> Iterator[_T]:
         for number, item in enumerate(items, start=1):
             say(f"{doing}: {number} of {total}")
             yield item
-
-
-def goes_to_file(stream: TextIO) -> bool:
-    """Check whether what is written there goes to a file, and to no terminal, not even by a pipe."""
-    try:
-        return stat.S_ISREG(os.fstat(stream.fileno()).st_mode)
-    except (OSError, ValueError):  # closed, or in memory
-        return False
 
 
 def _show(now: list[str], is_over: threading.Event, after_s: float | None) -> None:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from msgspec import Struct, field
 from msgspec.structs import replace
 
 from stadimeter.app.detectors import build_detectors
-from stadimeter.cli import exits
-from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, plain_errors, say_note
+from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, configuration_path, plain_errors, say_note
 from stadimeter.cli.formatting import METRE, LengthUnit, format_distance
 from stadimeter.cli.measure_output import Printer, copy_paths, marks_of
 from stadimeter.cli.target_options import (
@@ -156,7 +154,7 @@ def print_places(images: Sequence[Path], config: Path | None, *, as_json: bool) 
 
     if not images:
         raise ConfigError("--where needs pictures")
-    configuration = load_configuration(exits.configuration_path(config), with_tests=False)
+    configuration = load_configuration(configuration_path(config), with_tests=False)
     locator, lens = locator_of(configuration), configuration.camera_model
     if locator is None or lens is None:
         hint = "say in [landmarks] where tags are, and in [camera] model = which lens it has; see docs/places.md"
@@ -176,11 +174,6 @@ def print_places(images: Sequence[Path], config: Path | None, *, as_json: bool) 
         code = max(code, DONE if pose.position_m is not None else NOT_FOUND)
     return code
 
-
-_T = TypeVar("_T")
-
-# Of more pictures than this it is shown how many are done.
-MANY_PICTURES = 5
 
 EXIT_CODES = {
     MeasurementStatus.MEASURED: DONE,
@@ -449,7 +442,7 @@ class _Work(Struct, frozen=True, kw_only=True):
             self.frames(_video(each[0]), str(each[0]))
             if is_video_file(each[0])
             else self._report(measure(*each), paths.get(each[0]))
-            for each in _with_progress(taken)
+            for each in taken
         )
 
     def _report(self, result: PictureResult, copy: Path | None) -> int:
@@ -500,13 +493,3 @@ class _Work(Struct, frozen=True, kw_only=True):
         if self.between is not None and result.frame is not None:
             self.printer.separation(result, self.between, self.measuring.between(result, self.between))
         return max(EXIT_CODES[each.measurement.status] for each in result.targets)
-
-
-def _with_progress(images: Sequence[_T]) -> Iterable[_T]:
-    """Return the pictures; it is shown how many are done, if there are many and the results go to a file.
-
-    On a terminal the results show it themselves, and what shares the terminal with them, by a pipe too, would be glued
-    to them.
-    """
-    is_worth_it = len(images) > MANY_PICTURES and exits.goes_to_file(sys.stdout)
-    return exits.count_items(images, "measuring", len(images)) if is_worth_it else images

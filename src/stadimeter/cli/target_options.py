@@ -151,7 +151,6 @@ _SHARED = {
     "charuco": Option("COLUMNSxROWS", "A ChArUco board, by its squares, such as 5x7."),
     "marker": Option("LENGTH", "Side of a marker of the ChArUco board."),
     "dictionary": Option("NAME", "Its markers' dictionary, such as 4X4_50."),
-    "perhaps": Option("", "Take what is perhaps the target, too: you have looked at it."),
     "distance_error": Option(
         "PERCENT", "How well you know the distances: one standard deviation, in per cent of each.", limits=(0.0, 50.0)
     ),
