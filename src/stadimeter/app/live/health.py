@@ -23,7 +23,6 @@ if TYPE_CHECKING:  # it loads numpy, and `doctor` looks at the board before it k
 THERMAL = "sys/class/thermal/thermal_zone0/temp"
 THROTTLED = "sys/bus/platform/drivers/raspberrypi-firmware/*/get_throttled"
 HOT_C = 70.0
-THROTTLED_C = 80.0
 
 # The same bits, this much higher, stay set from their first time until the next start.
 SUPPLY_BITS = {0: "under-voltage"}

@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -120,18 +121,12 @@ class Computer(Struct, frozen=True, kw_only=True):
         """Check whether there is such a file or folder."""
         return os.path.lexists(self._at(path))
 
-    def is_readable(self, path: str) -> bool:
-        """Check whether this user may read a file."""
-        return os.access(self._at(path), os.R_OK)
-
-    def text(self, *paths: str) -> str:
-        """Return the text of the first of these files that can be read, without spaces around it; else ``""``."""
-        for path in paths:
-            try:
-                return self._at(path).read_text("utf-8", "replace").strip("\0 \n")
-            except OSError:
-                continue
-        return ""
+    def text(self, path: str) -> str:
+        """Return the text of a file without spaces around it; ``""`` where it cannot be read."""
+        try:
+            return self._at(path).read_text("utf-8", "replace").strip("\0 \n")
+        except OSError:
+            return ""
 
     def paths(self, pattern: str) -> list[str]:
         """List the paths that fit a pattern such as ``/dev/gpiochip*``, sorted."""
@@ -140,19 +135,6 @@ class Computer(Struct, frozen=True, kw_only=True):
     def node(self, path: str) -> str:
         """Return the name of the device that a path such as ``/dev/serial0`` leads to."""
         return self._at(path).resolve().name
-
-    def users(self) -> list[list[str]]:
-        """Return the fields of each user, as the file ``/etc/passwd`` has them."""
-        return [line.split(":") for line in self.text("/etc/passwd").splitlines()]
-
-    def home(self, user: str) -> str:
-        """Return the home of a user, or what would be a usual one."""
-        return next((each[5] for each in self.users() if each[0] == user and len(each) > 5), f"/home/{user}")
-
-    def settings(self, *patterns: str) -> dict[str, str]:
-        """Return the settings in files of lines ``KEY=VALUE``; later files and lines win."""
-        lines = "\n".join(self.text(path) for pattern in patterns for path in self.paths(pattern))
-        return {key: value.strip("\"' ") for key, value in re.findall(r"^\s*(\w+)\s*=(.*)$", lines, re.MULTILINE)}
 
     def prints(self, *words: str) -> str:
         """Return the output of a command, or ``""`` where it fails or is not installed."""
@@ -173,11 +155,6 @@ class Computer(Struct, frozen=True, kw_only=True):
     def is_root(self) -> bool:
         """True if this process may read every file."""
         return re.search(r"^Uid:\s+0\s", self.text("/proc/self/status"), re.MULTILINE) is not None
-
-    @property
-    def has_systemd(self) -> bool:
-        """True if systemd runs this computer, as ``sd_booted`` finds out."""
-        return self.has("/run/systemd/system")
 
     def unit(self, name: str, *properties: str) -> dict[str, str]:
         """Return properties of a unit of systemd, or of systemd itself for ``""``; nothing where it does not answer."""
@@ -218,11 +195,9 @@ IMPORT_S = 15.0
 LIBRARIES = ("numpy", "cv2", "simplejpeg", "pydantic", "picamera2")
 OPTIONAL = ("picamera2", "lgpio")
 
-# Prints a line of JSON on the Python, one before each library and one after it; what crashes leaves out the latter.
+# Prints a line of JSON before each library and one after it; what crashes leaves out the latter.
 PROBE = """
 import importlib, importlib.util, json, sys
-bits = 64 if sys.maxsize > 2**32 else 32
-print(json.dumps({"python": sys.version.split()[0], "bits": bits, "prefix": sys.prefix, "runs": sys.executable}))
 for name in sys.argv[1:]:
     spec = importlib.util.find_spec(name)
     found = {"name": name, "version": "", "file": str(spec and spec.origin), "error": "", "missing": spec is None}
@@ -271,58 +246,46 @@ def import_libraries(computer: Computer) -> Imports:
 
 def libraries(imports: Imports) -> Iterator[Diagnosis]:
     """Tell which libraries load, with their versions and where each comes from, and what keeps one from it."""
-    lines = imports.lines
+    lines, found = imports.lines, [line for line in imports.lines if "name" in line]
     if not lines:
         yield unknown("Python could not be started anew, so the libraries were not tried")
         return
-    python, found = lines[0], [line for line in lines if "name" in line]
-    if python["bits"] == 32:
-        yield wrong("this is a 32-bit system", "install the 64-bit Raspberry Pi OS: OpenCV is to be had for that only")
-    yield from (_broken(each, python, found) for each in found if each["error"])
-    missing = [each["name"] for each in found if each["missing"] and each["name"] not in OPTIONAL]
-    if missing:
-        yield wrong(f"{' and '.join(missing)} is not installed", _again(python))
+    troubles = [_broken(each, found) for each in found if each["error"]]
+    if missing := [each["name"] for each in found if each["missing"] and each["name"] not in OPTIONAL]:
+        troubles.append(wrong(f"{' and '.join(missing)} is not installed", _again("stadimeter")))
     if untried := lines[-1].get("trying"):
         how = "takes too long" if imports.is_late else "crashes Python"
-        yield wrong(f"importing {untried} {how}", _again(python))
-    if not (missing or untried or any(each["error"] for each in found)):
-        loaded = (each for each in found if each["name"] in LIBRARIES and not each["missing"])
-        names = ", ".join(f"{each['name']} {each['version']}".strip() + _origin(each) for each in loaded)
-        yield fine(f"Python {python['python']} in {python['prefix']}; {names} load together")
+        troubles.append(wrong(f"importing {untried} {how}", _again("stadimeter")))
+    loaded = (each for each in found if each["name"] in LIBRARIES and not each["missing"])
+    names = ", ".join(f"{each['name']} {each['version']}".strip() + _origin(each) for each in loaded)
+    yield from troubles or [fine(f"Python {sys.version.split()[0]} in {sys.prefix}; {names} load together")]
 
 
 def _origin(library: dict[str, Any]) -> str:
     return " (apt)" if "/dist-packages/" in library["file"] else ""
 
 
-def _broken(library: dict[str, Any], python: dict[str, Any], found: list[dict[str, Any]]) -> Diagnosis:
-    if library["error"] == "too old":
+def _broken(library: dict[str, Any], found: list[dict[str, Any]]) -> Diagnosis:
+    name, error = library["name"], " ".join(library["error"].split())[:160]
+    if error == "too old":
         return wrong(*PICAMERA2_TOO_OLD.split("; "))
-    if not _NUMPY_MIX.search(library["error"]):
-        is_of_pi = library["name"] == "picamera2"  # what it needs is not on pip
-        is_packaged = python["prefix"].startswith(PACKAGED)
-        of_pi = PICAMERA2 if is_packaged else f"{PICAMERA2}, and {SEE_SYSTEM}"
-        remedy = of_pi if is_of_pi else _again(python, library["name"])
-        return wrong(f"{library['name']} does not load: {_short(library['error'])}", remedy)
-    numpy = next((each for each in found if each["name"] == "numpy"), None)
-    beside = f" beside numpy {numpy['version']}{_origin(numpy)}" if numpy and numpy["version"] else ""
-    seen = f"{library['name']} does not load{beside}: it was built for another numpy ({_short(library['error'])})"
-    is_of_apt = _origin(library) and not python["prefix"].startswith(PACKAGED)
-    return wrong(seen, f"{_pip(python)} {NUMPY_1}" if is_of_apt else _again(python, library["name"]))
+    if not _NUMPY_MIX.search(error):
+        return wrong(f"{name} does not load: {error}", picamera2_remedy() if name == "picamera2" else _again(name))
+    numpy = next((f"{each['version']}{_origin(each)}" for each in found if each["name"] == "numpy"), "")
+    seen = f"{name} does not load beside numpy {numpy}: it was built for another numpy ({error})"
+    is_of_apt = _origin(library) and not sys.prefix.startswith(PACKAGED)
+    return wrong(seen, f"{shlex.quote(sys.executable)} -m pip install {NUMPY_1}" if is_of_apt else _again(name))
 
 
-def _short(error: str) -> str:
-    return " ".join(error.split())[:160]
-
-
-def _again(python: dict[str, Any], library: str = "stadimeter") -> str:
-    if python["prefix"].startswith(PACKAGED):
+def _again(library: str) -> str:
+    if sys.prefix.startswith(PACKAGED):
         return PACKAGE_AGAIN
-    return f"{_pip(python)} --force-reinstall {library}"
+    return f"{shlex.quote(sys.executable)} -m pip install --force-reinstall {library}"
 
 
-def _pip(python: dict[str, Any]) -> str:
-    return f"{shlex.quote(python['runs'])} -m pip install"
+def picamera2_remedy() -> str:
+    """Return what makes picamera2 whole, and seen from here: what it needs is not on the package index."""
+    return PICAMERA2 if sys.prefix.startswith(PACKAGED) else f"{PICAMERA2}, and {SEE_SYSTEM}"
 
 
 # The subject of the examination -------------------------------------------------------------------------------------
@@ -360,33 +323,23 @@ class Examined:
         """True if the configuration is that of the service."""
         return self.path is None or self.path.resolve() == Path(INSTALLED)
 
-    @property
-    def place(self) -> Path:
-        """The place where the configuration is, or would be."""
-        return self.path or self.computer.root / INSTALLED.lstrip("/")
-
     @cached_property
     def configured(self) -> Configured:
         """The configuration, or why it cannot be used."""
-        path = self.place
+        path = self.path or self.computer.root / INSTALLED.lstrip("/")
         try:
-            path.stat()
-        except PermissionError:  # the folder of the service's is not for every eye
-            return _not_yours(path)
+            with suppress(IsADirectoryError):  # reading it says so
+                path.open("rb").close()
+        except PermissionError:
+            return Configured(unknown(f"{path} is not yours to read", SUDO))
         except OSError:
             return Configured()
-        if not os.access(path, os.R_OK):
-            return _not_yours(path)
         if any(each.severity is DiagnosisSeverity.WRONG for each in self.libraries):
             return Configured(unknown(f"{path} was not read, since libraries do not load", "mend those first"))
         try:
             return _read_configured(path)
         except StadimeterError as error:
             return Configured(wrong(f"{path} cannot be used: {_first(error)}", f"`stadimeter check {path}` shows all"))
-
-
-def _not_yours(path: Path) -> Configured:
-    return Configured(unknown(f"{path} is not yours to read", SUDO))
 
 
 def _first(error: StadimeterError) -> str:
