@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from statistics import NormalDist
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -23,7 +22,6 @@ from stadimeter.config.loader import Configuration
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.camera_model import Provenance
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.evidence import probability_below
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 from stadimeter.core.words import length
 from stadimeter.errors import ConfigError, StadimeterError, UnreadableError, reason_of
@@ -43,8 +41,6 @@ class Certificate(Struct, frozen=True, kw_only=True):
         about: Fingerprints of the camera model, of the target's size and of the whole configuration.
         target: The name of the target in the configuration.
         date: When, in local time.
-        camera: The camera, with its serial number where that is known.
-        corrected: By which share the focal length was corrected in the end; 0 for not.
         background: Whether the view was saved that tells later whether the camera was moved, in words; None where
             that was not tried.
     """
@@ -52,11 +48,9 @@ class Certificate(Struct, frozen=True, kw_only=True):
     about: dict[str, str]
     target: str
     date: str = ""
-    camera: str = ""
     placements: tuple[Placement, ...] = ()
     fit: SiteFit | None = None
     reach: Reach | None = None
-    corrected: float = 0.0
     background: str | None = None
 
 
@@ -68,8 +62,6 @@ class Reliance(Struct, frozen=True, kw_only=True):
         words: The rule and the distance, such as ``near: below 1.00 m``.
         sigma_m: The standard deviation of one reading there, with that of the bias.
         bias_m: By how much it is too long on average.
-        odds: The deadband in metres; how likely one reading begins the condition while the target is a deadband outside
-            of it, and how likely one does not, a deadband inside. None where nothing switches.
         trouble: Why the site does not carry it; empty if it does.
     """
 
@@ -77,7 +69,6 @@ class Reliance(Struct, frozen=True, kw_only=True):
     words: str
     sigma_m: float
     bias_m: float
-    odds: tuple[float, float, float] | None = None
     trouble: str = ""
 
 
@@ -141,10 +132,9 @@ class Site:
             return
         for at, words, limit_m, condition in self.distances():
             noise_m, (bias_m, bias_sigma_m) = noise_at_m(certificate.placements, limit_m), fit.bias_m(limit_m)
-            sigma_m, odds, trouble = math.hypot(noise_m, bias_sigma_m), None, ""
+            sigma_m, trouble = math.hypot(noise_m, bias_sigma_m), ""
             if condition is not None:
                 band_m = max(condition.deadband, condition.deadband_sigmas * noise_m)
-                odds = (band_m, *_odds(condition, band_m, bias_m if limit_m == condition.below else -bias_m, sigma_m))
                 if band_m < noise_m:
                     trouble = (
                         f"the deadband of {100 * band_m:.1f} cm is smaller than the scatter, ± {100 * noise_m:.1f} cm"
@@ -154,7 +144,7 @@ class Site:
             if limit_m > reach.reliable_m + ROUNDING_M:
                 further = f", by the error model to {length(reach.expected_m)}" * (reach.expected_m > reach.reliable_m)
                 trouble = f"distances were found reliable to {length(reach.reliable_m)}{further}, where {reach.limit}"
-            yield Reliance(at=at, words=words, bias_m=bias_m, sigma_m=sigma_m, odds=odds, trouble=trouble)
+            yield Reliance(at=at, words=words, bias_m=bias_m, sigma_m=sigma_m, trouble=trouble)
 
 
 def load_certificate(configuration: Path, ending: str = CERTIFICATE) -> Certificate | None:
@@ -191,17 +181,6 @@ def ends_of(rule: FollowRule | RampRule) -> tuple[float, ...]:
         return (rule.distance_m,)
     is_distance = rule.quantity in {"distance", "depth"}
     return (tuple(at for at, _ in rule.points) or (rule.start, rule.full)) if is_distance else ()
-
-
-def _odds(condition: DistanceCondition, band_m: float, bias_m: float, sigma_m: float) -> tuple[float, float]:
-    """Return the odds of one reading; a run averages several, and does better.
-
-    With x how far a reading is on the wrong side of the threshold, the condition begins where x ≤ -z σ, z being the
-    quantile of the probability that it asks for. x is normal, with the deadband outside and the bias as its mean.
-    """
-    begins_m = -NormalDist().inv_cdf(min(max(condition.probability_on or 0.5, 1e-9), 1 - 1e-9)) * sigma_m
-    miss = 1 - probability_below(begins_m, bias_m - band_m, sigma_m)
-    return probability_below(begins_m, bias_m + band_m, sigma_m), miss
 
 
 def certificate_findings(configuration: Configuration) -> Iterator[Finding]:

@@ -103,7 +103,6 @@ def _loaded(config: Path | None) -> Configuration:
     tape=Option("LENGTH", "How well a placement is known: one standard deviation."),
     seconds=Option("", "How long to watch at each distance.", limits=(0.1, 60.0)),
     name=Option("NAME", "The target to certify with; else the first.", flags="--target", completes=complete_target),
-    correct=Option("", "Write a focal length with the right scale into the camera file."),
     anew=Option("", "Forget what an earlier, unfinished measurement left."),
 )
 def certify(
@@ -114,7 +113,6 @@ def certify(
     tape: str = "2mm",
     seconds: float = WATCH_S,
     name: str = "",
-    correct: bool = False,
     anew: bool = False,
     as_json: bool = False,
 ) -> None:
@@ -123,8 +121,8 @@ def certify(
     Asks for the target at five distances, from 50 cm to the farthest that a rule uses, and at up to five more while an
     error of the scale of 1.5 % might go unnoticed. Measure each with a tape, from the lens to the target's nearest
     point, and keep everything still while the camera watches for some seconds; a run that has the camera goes on.
-    From all of them follow an error of the scale, the smallest one that would have been found, an offset, the scatter,
-    the frame rate, the latency and the farthest reliable distance.
+    From all of them follow an error of the scale, the smallest one that would have been found, an offset, the scatter
+    and the farthest reliable distance.
 
     Writes CONFIG.certificate.json and .html beside the configuration, and saves the view of a fixed camera.
     `stadimeter check` then says which threshold the site does not carry, and when the lens or the size of the target
@@ -144,14 +142,14 @@ def certify(
     """
     with plain_errors():
         path = configuration_path(config)
-        session = SiteSession(load_configuration(path), name, anew=anew, again=correct)
+        session = SiteSession(load_configuration(path), name, anew=anew)
         distances = [part.strip() for text in at or [] for part in text.split(",")]
         tape_m = parse_known_length(tape, "--tape")
         for each in session.certificate.placements:
             say_note(f"going on; {each.tape_m:g} m was measured before {session.certificate.date}: --anew forgets it")
         with redirect_stdout(sys.stderr if as_json else sys.stdout):
             is_seen = _take_all(session, distances, pictures or [], tape_m, seconds)
-            made = session.finish(correct=correct)
+            made = session.finish()
             for words in (*summary_of(made), *map(describe_reliance, session.site.reliances(made))):
                 typer.echo(words)
             typer.echo(f"wrote {path.with_suffix(CERTIFICATE)}, and .html beside it")

@@ -82,10 +82,6 @@ class Placement(Struct, frozen=True, kw_only=True):
         noise_m: The same with what stays while nothing moves: how one reading scatters around the truth.
         stated_m: The standard deviation that the measurements themselves state.
         edge_m: By how much one standard deviation of the edge bias changes the distance.
-        covered: The shares of readings within one and within 1.96 stated standard deviations of the tape's distance.
-        rate_hz: Frames a second; None for recordings, like the latency.
-        latency_s: The age of a picture when it had been measured.
-        brightness: Mean of the picture, 0 to 255.
         reason: Why the target was not found in the first frame without it.
     """
 
@@ -101,11 +97,6 @@ class Placement(Struct, frozen=True, kw_only=True):
     stated_m: float = 0.0
     edge_m: float = 0.0
     size_px: float = 0.0
-    covered: tuple[float, float] = (0.0, 0.0)
-    rate_hz: float | None = None
-    latency_s: float | None = None
-    brightness: float = 0.0
-    exposure_s: float | None = None
     reason: str = ""
 
     @property
@@ -142,7 +133,6 @@ def read_placement(placed: Placement, seen: Sequence[Measurement], edge_sigma_px
     lasting_m = LASTING_SHARE * float(np.median(noises_m))
     # The median of normal readings scatters by √(π/2) of what their mean does.
     median_m = math.sqrt(math.pi / 2 / _independent(distances_m - read_m)) * spread_m
-    off = np.abs(distances_m - placed.true_m) / np.hypot(sigmas_m, placed.tape_sigma_m)
     return replace(
         placed,
         read_m=read_m,
@@ -152,7 +142,6 @@ def read_placement(placed: Placement, seen: Sequence[Measurement], edge_sigma_px
         stated_m=float(np.median(sigmas_m)),
         # Both edges move outwards, so the size grows by twice the bias, and the distance shrinks by that share.
         edge_m=-2 * edge_sigma_px / placed.size_px * placed.true_m,
-        covered=(float(np.mean(off <= 1)), float(np.mean(off <= SIGMAS_95))),
     )
 
 

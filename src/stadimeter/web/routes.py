@@ -265,9 +265,7 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         "POST", "certificate/take", "certifying.take", "Measure at one distance by the tape",
         body={"distance": "text", "sigma": "text"}, wait_s=LONG_WAIT_S,
     ),
-    _desk(
-        "POST", "certificate/finish", "certifying.finish", "Write the certificate", body={"correct": "boolean"},
-    ),
+    _desk("POST", "certificate/finish", "certifying.finish", "Write the certificate"),
     _desk(
         "GET", "setup/wiring.svg", "setup_operations.wiring", "The wiring as a drawing, with its pins in X-Values",
         query={"output": "text"}, media=_SVG,

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
-from statistics import fmean, median
+from statistics import median
 
 from msgspec.structs import replace
 
@@ -20,15 +20,10 @@ from stadimeter.app import mounting
 from stadimeter.app.bootstrap import build
 from stadimeter.app.capture import Capture
 from stadimeter.app.certificate import Certificate, Reliance, Site, load_certificate, save_certificate
-from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.detectors import build_detectors
 from stadimeter.app.places import CERTIFICATE, PLACEMENTS
-from stadimeter.config.camera_file import load_camera_model, save_camera_model
-from stadimeter.config.files import CONFIGURATION_MAX_BYTES
-from stadimeter.config.loader import Configuration, is_demonstration, load_configuration
+from stadimeter.config.loader import Configuration, is_demonstration
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_driver
-from stadimeter.config.toml_source import read_toml
-from stadimeter.config.units import path_from
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Frame
@@ -129,25 +124,20 @@ class SiteSession:
 
     Args:
         anew: Whether what was measured before is forgotten.
-        again: Whether a finished certificate counts as measured before, where nothing newer is.
 
     Attributes:
         site: What is certified.
         certificate: What was measured so far.
     """
 
-    def __init__(
-        self, configuration: Configuration, target: str = "", *, anew: bool = False, again: bool = False
-    ) -> None:
+    def __init__(self, configuration: Configuration, target: str = "", *, anew: bool = False) -> None:
         if is_demonstration(configuration.path):
             raise ConfigError("nothing is written beside the demonstration: certify a copy of config/demo.toml")
         self.site = Site(configuration, target)
         self.certificate = Certificate(target=self.site.target.name, about=self.site.about)
-        for ending in () if anew else (PLACEMENTS, CERTIFICATE)[: 1 + again]:
-            begun = load_certificate(configuration.path, ending)
-            if begun is not None and begun.target == self.certificate.target and not self.site.outdated(begun):
-                self.certificate = replace(begun, about=self.site.about)
-                break
+        begun = None if anew else load_certificate(configuration.path, PLACEMENTS)
+        if begun is not None and begun.target == self.certificate.target and not self.site.outdated(begun):
+            self.certificate = replace(begun, about=self.site.about)
 
     @property
     def is_simulated(self) -> bool:
@@ -209,8 +199,7 @@ class SiteSession:
         source = self._source(placed.true_m, pictures)
         try:
             source.settle()
-            is_timed = source.is_live and not self.is_simulated
-            placed = self._watch(_frames(source.capture, for_s), placed, is_timed=is_timed)
+            placed = self._watch(_frames(source.capture, for_s), placed)
         finally:
             source.capture.close()
         placements = sorted((*self._others(tape_m), placed), key=lambda each: each.tape_m)
@@ -233,52 +222,36 @@ class SiteSession:
     def _others(self, tape_m: float) -> list[Placement]:
         return [each for each in self.certificate.placements if abs(each.tape_m / tape_m - 1) > SAME_SHARE]
 
-    def _watch(self, frames: Iterator[Frame], placed: Placement, *, is_timed: bool) -> Placement:
+    def _watch(self, frames: Iterator[Frame], placed: Placement) -> Placement:
         """Return the placement that was measured."""
-        measuring, clock = Measuring((self.site.named,), self.site.model), MonotonicClock()
-        seen: list[Measurement] = []
-        ages_s, levels, watched, reason = [], [], list[Frame](), ""
-        for frame in frames:
-            results = [each.measurement for each in measuring.measure(frame, "").targets]
+        measuring, seen = Measuring((self.site.named,), self.site.model), list[Measurement]()
+        count, last, reason = 0, None, ""
+        for last in frames:
+            count += 1
+            results = [each.measurement for each in measuring.measure(last, "").targets]
             found = [each for each in results if each.distance_m is not None]
             # Of several tags the one that is where the tape says.
             seen += sorted(found, key=lambda each: abs((each.distance_m or 0.0) - placed.true_m))[:1]
             reason = reason or ("" if found else results[0].reason)
-            ages_s.append(clock.now_s() - frame.captured_at_s)
-            levels.append(float(frame.image[::8, ::8].mean()))
-            watched = [*watched[:1], frame]
-        if not watched:
+        if last is None:
             raise CalibrationError(f"at {placed.tape_m:g} m there was no picture")
-        first, last = watched[0], watched[-1]
-        lasted_s = last.captured_at_s - first.captured_at_s if is_timed else 0.0
         # A table of a configuration states no edge bias, which is not to say that there is none.
         edge_px = self.site.model.for_frame(last).edge_bias_sigma_px or UNKNOWN_EDGE_BIAS_SIGMA_PX
-        placed = replace(
-            placed,
-            frames=len(levels),
-            found=len(seen),
-            size_px=median(each.size_share or 0.0 for each in seen) * last.width_px if seen else 0.0,
-            rate_hz=(last.sequence - first.sequence) / lasted_s if lasted_s else None,
-            latency_s=median(ages_s) if lasted_s else None,
-            brightness=fmean(levels),
-            exposure_s=last.exposure_s,
-            reason=reason,
-        )
+        size_px = median(each.size_share or 0.0 for each in seen) * last.width_px if seen else 0.0
+        placed = replace(placed, frames=count, found=len(seen), size_px=size_px, reason=reason)
         return site_fit.read_placement(placed, seen, edge_px)
 
-    def finish(self, *, correct: bool = False) -> Certificate:
+    def finish(self) -> Certificate:
         """Write the certificate and its page from all placements, save the view, and return the certificate.
-
-        Args:
-            correct: Whether to write another focal length into the camera file, where the scale is wrong.
 
         Raises:
             CalibrationError: There are too few placements.
-            ConfigError: A file cannot be written, or there is nothing to correct.
+            ConfigError: A file cannot be written.
         """
-        made = _fitted(self._correct(_fitted(self.certificate)) if correct else self.certificate)
-        path, camera = self.site.configuration.path, _camera_name(self.site.configuration.camera)
-        made = replace(made, date=_now(), camera=camera, background=self._save_view())
+        path, placements = self.site.configuration.path, self.certificate.placements
+        fit = site_fit.fit_site([each for each in placements if each.is_read])
+        reach = site_fit.find_reach(placements, fit)
+        made = replace(self.certificate, date=_now(), fit=fit, reach=reach, background=self._save_view())
         page = page_of(path.name, made, list(self.site.reliances(made)))
         save_certificate(path, made, CERTIFICATE, {HTML: page.encode(errors="replace")})
         path.with_suffix(PLACEMENTS).unlink(missing_ok=True)
@@ -292,29 +265,6 @@ class SiteSession:
             return f"saved as {save_view(self.site.configuration)[0].name}"
         except StadimeterError as error:
             return f"not saved, {error}"
-
-    def _correct(self, made: Certificate) -> Certificate:
-        """Write a focal length with which the scale is right, and return what was measured as if by that."""
-        path, fit = self.site.configuration.path, made.fit
-        written = read_toml(path, CONFIGURATION_MAX_BYTES).table["camera"].get("model")
-        if fit is None or not (fit.has_wrong_scale and fit.is_consistent):
-            raise ConfigError("there is no error of the scale that is significant, from placements that agree")
-        if not isinstance(written, str) or self.site.model.pupil_ahead_m:
-            raise ConfigError("only a camera file for air can be corrected: name one as model in [camera]")
-        file = path_from(path.parent, written)
-        model, times = load_camera_model(file), 1 / (1 + fit.scale)
-        note = f"focal length times {times:.5f} ± {fit.scale_sigma:.5f} by the certificate of {path.name}, {_now()}"
-        kept = replace(model.provenance, notes=(*model.provenance.notes, note))
-        right = replace(model, fx_px=model.fx_px * times, fy_px=model.fy_px * times, uncertainty=None, provenance=kept)
-        save_camera_model(file, replace(right, focal_relative_sigma=fit.scale_sigma))
-        self.site = Site(load_configuration(path), made.target)
-        placements = tuple(replace(each, read_m=each.read_m * times) for each in made.placements)
-        return replace(made, about=self.site.about, placements=placements, corrected=times - 1)
-
-
-def _fitted(certificate: Certificate) -> Certificate:
-    fit = site_fit.fit_site([each for each in certificate.placements if each.is_read])
-    return replace(certificate, fit=fit, reach=site_fit.find_reach(certificate.placements, fit))
 
 
 def _frames(capture: Capture, for_s: float) -> Iterator[Frame]:
@@ -330,16 +280,6 @@ def _frames(capture: Capture, for_s: float) -> Iterator[Frame]:
         return
 
 
-def _camera_name(choice: DriverChoice) -> str:
-    """Return the camera's name and the path that stays right, which has its serial number where it has one."""
-    same = (
-        each
-        for each in frame_source.list_cameras()
-        if frame_source.is_same_camera(frame_source.choice_of(each), choice)
-    )
-    return next((f"{each.name}, {each.path}" for each in same), choice.driver)
-
-
 def _now() -> str:
     return dt.datetime.now().astimezone().isoformat(" ", "minutes")
 
@@ -349,17 +289,13 @@ ALIKE = (
     "Focal length and size of the target cannot be separated by distances: each scales all of them alike. Measure the"
     " target again:"
 )
-CORRECT = "If that is right, certify again with --correct, which writes the focal length times"
+CORRECT = "If that is right, calibrate the camera anew, or write into its file the focal length times"
 RELIABLE = (
     f"an error within {site_fit.RELIABLE_SHARE:.0%} in 95 of 100 readings, the target seen in"
     f" {site_fit.RELIABLE_RATE:.0%} of frames"
 )
 MORE = (
     f"An error of the scale of {site_fit.WANTED_SCALE:.1%} might go unnoticed so far: further distances make it surer."
-)
-ODDS = (
-    "False alarm: one reading begins the condition while the target is a deadband outside of the threshold. Miss: one"
-    " reading does not begin it a deadband inside. A run filters readings, and its delays forgive single ones."
 )
 
 
@@ -372,7 +308,7 @@ def summary_of(made: Certificate) -> Iterator[str]:
     yield f"Scale: distances are {100 * fit.scale:+.2f} % too long, {sure}: {_verdict(fit.has_wrong_scale)}."
     if fit.has_wrong_scale:
         times = 1 / (1 + fit.scale)
-        yield f"{ALIKE} its size may be {100 * (times - 1):+.2f} % off. {CORRECT} {times:.4f} into the camera file."
+        yield f"{ALIKE} its size may be {100 * (times - 1):+.2f} % off. {CORRECT} {times:.4f}."
     least = f"An error of the scale from {100 * fit.least_scale:.1f} % on"
     yield f"{least} is found in 95 of 100 cases, a smaller one less often."
     sure = f"± {100 * SIGMAS_95 * fit.offset_sigma_m:.1f} cm (95 % interval, the zero of the tape included)"
@@ -400,19 +336,12 @@ def describe_placement(each: Placement) -> str:
     if not each.is_read:
         return f"{seen}: {each.reason or 'too few to go by'}"
     off = f"{100 * (each.read_m - each.true_m):+.1f} cm off, scatter ± {100 * each.spread_m:.2f} cm"
-    one, two = each.covered
-    stated = f"stated ± {100 * each.stated_m:.1f} cm (1, 1.96 of it hold {one:.0%}, {two:.0%})"
-    is_timed = each.rate_hz and each.latency_s
-    timed = f", {each.rate_hz:.1f} frames/s, latency {1e3 * (each.latency_s or 0.0):.0f} ms" if is_timed else ""
-    return f"{seen}, {off}, {stated}{timed}"
+    return f"{seen}, {off}, stated ± {100 * each.stated_m:.1f} cm"
 
 
 def describe_reliance(each: Reliance) -> str:
     """Say what a rule may rely on at one of its distances, in a line."""
-    odds = ""
-    if each.odds is not None:
-        odds = f", deadband {100 * each.odds[0]:.2f} cm, false alarm {each.odds[1]:.2%}, miss {each.odds[2]:.2%}"
-    one = f"one reading ± {100 * each.sigma_m:.1f} cm, {100 * each.bias_m:+.1f} cm too long{odds}"
+    one = f"one reading ± {100 * each.sigma_m:.1f} cm, {100 * each.bias_m:+.1f} cm too long"
     return f"{each.words}: {f'not carried, {each.trouble}' if each.trouble else 'carried'}; {one}"
 
 
@@ -425,24 +354,19 @@ def _verdict(is_significant: bool) -> str:
 
 def page_of(name: str, made: Certificate, reliances: Sequence[Reliance]) -> str:
     """Return the page of a certificate that has a fit."""
-    levels = [each.brightness for each in made.placements]
-    exposed = ", ".join(sorted({f"{1e3 * each.exposure_s:.1f} ms" for each in made.placements if each.exposure_s}))
     about = ", ".join(f"{what} {text}" for what, text in made.about.items())
-    corrected = f"{made.corrected:+.2%}; the figures are as with it" if made.corrected else "none"
-    light = f"mean brightness {min(levels):.0f} to {max(levels):.0f} of 255, exposure {exposed or 'not known'}"
-    measured = f"Measured {made.date} with the camera {made.camera} and the target {made.target}; light: {light}."
+    measured = f"Measured {made.date} with the target {made.target}. Fingerprints: {about}."
     title = escape(f"Certificate of the site: {name}")
     return "\n".join(
         [
             f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><h1>{title}</h1>',
-            *_paragraphs([measured, f"Correction of the focal length: {corrected}. Fingerprints: {about}."]),
+            *_paragraphs([measured]),
             "<h2>Right here, in this light</h2>",
             *_paragraphs(summary_of(made)),
-            _bias_chart(made.fit, [each for each in made.placements if each.is_read]) if made.fit else "",
             "<h2>Placements</h2>",
             *_paragraphs(map(describe_placement, made.placements)),
             "<h2>What rules may rely on</h2>",
-            *_paragraphs([*map(describe_reliance, reliances), ODDS]),
+            *_paragraphs(map(describe_reliance, reliances)),
             "</html>\n",
         ]
     )
@@ -450,31 +374,3 @@ def page_of(name: str, made: Certificate, reliances: Sequence[Reliance]) -> str:
 
 def _paragraphs(sentences: Iterable[str]) -> Iterator[str]:
     return (f"<p>{escape(each)}</p>" for each in sentences)
-
-
-def _bias_chart(fit: site_fit.SiteFit, seen: Sequence[Placement]) -> str:
-    """Draw the bias with its 95 % interval over the distance, and the placements with theirs, as SVG."""
-    near_m, far_m = seen[0].true_m, seen[-1].true_m
-    biases = [(at_m, *fit.bias_m(at_m)) for at_m in (near_m + (far_m - near_m) * step / 40 for step in range(41))]
-    lines = [("#bbbbbb", [(near_m, 0.0), (far_m, 0.0)])]
-    lines += [
-        ("#1f5fae", [(at_m, off_m + side * sure_m) for at_m, off_m, sure_m in biases])
-        for side in (-SIGMAS_95, 0, SIGMAS_95)
-    ]
-    for each in seen:
-        off_m, half_m = each.read_m - each.true_m, SIGMAS_95 * math.hypot(each.read_sigma_m, each.tape_sigma_m)
-        lines.append(("#b3261e", [(each.true_m, off_m - half_m), (each.true_m, off_m + half_m)]))
-    ys_m = [y_m for _, line in lines for _, y_m in line]
-    low_m, high_m = min(ys_m), max(*ys_m, min(ys_m) + 0.001)
-
-    def at(x_m: float, y_m: float) -> str:
-        return f"{50 + 600 * (x_m - near_m) / (far_m - near_m):.1f},{20 + 150 * (high_m - y_m) / (high_m - low_m):.1f}"
-
-    drawn = [
-        f'<polyline points="{" ".join(at(*each) for each in line)}" fill="none" stroke="{colour}"/>'
-        for colour, line in lines
-    ]
-    texts = [(0, 25, f"{100 * high_m:+.2f}"), (0, 170, f"{100 * low_m:+.2f}"), (50, 190, f"{near_m:.2f}")]
-    texts += [(620, 190, f"{far_m:.2f}"), (50, 12, "bias in cm over the distance in m, with 95 % intervals")]
-    drawn += [f'<text x="{x}" y="{y}" font-size="12">{text}</text>' for x, y, text in texts]
-    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 660 195" width="660">{"".join(drawn)}</svg>'

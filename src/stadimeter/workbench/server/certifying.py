@@ -33,7 +33,6 @@ def state(desk: Desk) -> dict[str, Any]:
             "date": made.date,
             "outdated": session.site.outdated(made),
             "words": list(summary_of(made)),
-            "can_correct": made.fit is not None and made.fit.has_wrong_scale,
             "rules": [describe_reliance(each) for each in session.site.reliances(made)],
         }
         if made
@@ -53,9 +52,9 @@ def take(desk: Desk, distance: str, sigma: str = "2 mm") -> dict[str, Any]:
 
 
 @operation
-def finish(desk: Desk, *, correct: bool = False) -> dict[str, Any]:
-    """Write the certificate from what was measured; with ``correct``, another focal length too."""
-    SiteSession(load_configuration(desk.configuration), again=correct).finish(correct=correct)
+def finish(desk: Desk) -> dict[str, Any]:
+    """Write the certificate from what was measured."""
+    SiteSession(load_configuration(desk.configuration)).finish()
     return state(desk)
 
 

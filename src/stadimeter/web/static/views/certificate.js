@@ -29,7 +29,7 @@ export function mount(root, { api, say }) {
     const sigma = h("input", { value: "2 mm" });
     const field = (words, input) => h("label", { class: "field" }, h("span", null, words), input);
     const take = () => api.post("certificate/take", { distance: distance.value, sigma: sigma.value });
-    const finish = (correct) => ask("Writing …", () => api.post("certificate/finish", { correct }));
+    const finish = () => ask("Writing …", () => api.post("certificate/finish"));
     replace(
       form,
       h("p", null, HOW),
@@ -37,17 +37,16 @@ export function mount(root, { api, say }) {
       row(field("Distance", distance), field("Known to ±", sigma)),
       row(button("Measure", () => ask(WATCHING, take))),
       list(placements.map(({ words }) => words)),
-      placements.filter((each) => each.is_read).length > 2 && button("Write the certificate", () => finish(false)),
+      placements.filter((each) => each.is_read).length > 2 && button("Write the certificate", finish),
     );
-    const correct = button("Correct the focal length", () => finish(true));
-    replace(found, certificate && drawCertificate(certificate, correct));
+    replace(found, certificate && drawCertificate(certificate));
   }
 }
 
 const row = (...children) => h("div", { class: "row" }, children);
 const list = (sentences) => h("ul", { class: "list" }, ...sentences.map((words) => h("li", null, words)));
 
-const drawCertificate = ({ date, outdated, words, rules, can_correct }, correct) =>
+const drawCertificate = ({ date, outdated, words, rules }) =>
   h(
     "section",
     { class: "panel stack", "aria-label": "Certificate" },
@@ -55,8 +54,5 @@ const drawCertificate = ({ date, outdated, words, rules, can_correct }, correct)
     outdated && h("p", { class: "banner is-warning" }, `Out of date: ${outdated}.`),
     words.map((each) => h("p", null, each)),
     list(rules),
-    row(
-      h("a", { href: "/api/v1/certificate.html", target: "_blank", class: "button" }, "To print"),
-      can_correct && correct,
-    ),
+    row(h("a", { href: "/api/v1/certificate.html", target: "_blank", class: "button" }, "To print")),
   );
