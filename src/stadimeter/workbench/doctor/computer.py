@@ -284,7 +284,7 @@ def _again(library: str) -> str:
 
 
 def picamera2_remedy() -> str:
-    """Return what makes picamera2 whole, and seen from here: what it needs is not on the package index."""
+    """Return the remedy for a picamera2 that is missing or broken: what it needs is not on the package index."""
     return PICAMERA2 if sys.prefix.startswith(PACKAGED) else f"{PICAMERA2}, and {SEE_SYSTEM}"
 
 
