@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,38 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.app.detectors import build_detectors
-from stadimeter.cli.target_options import targets_from_options
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus
-from stadimeter.core.frame import Frame, Image
+from stadimeter.core.frame import Image
 from support.command_line import Typed, typed
-
-TARGETS = {
-    "sheet": {"sheet": "11in,8.5in"},
-    "ball": {"ball": "10cm", "hsv": "29,86,6:64,255,255"},
-    "tag": {"tag": "53mm", "family": "36h11"},
-    "disc": {"disc": "12cm"},
-}
-SHAPES = [(1, 1), (1, 2), (2, 2), (40, 1), (1, 40), (3, 3), (7, 7), (1, 4000), (4000, 1)]
-
-
-def _noise(height: int, width: int) -> Image:
-    return np.random.default_rng(3).integers(0, 256, (height, width, 3), np.uint8)
-
-
-def _even(level: int) -> Callable[[int, int], Image]:
-    return lambda height, width: np.full((height, width, 3), level, np.uint8)
-
-
-def _chequered(square_px: int) -> Callable[[int, int], Image]:
-    def make(height: int, width: int) -> Image:
-        rows, columns = np.arange(height)[:, None] // square_px, np.arange(width) // square_px
-        grey = ((rows + columns) % 2 * 255).astype(np.uint8)
-        return np.repeat(grey[..., None], 3, axis=2)
-
-    return make
 
 
 def _scene() -> Image:
@@ -50,74 +21,6 @@ def _scene() -> Image:
     image = np.full((480, 640, 3), 60, np.uint8)
     image[155:325, 210:430] = 230
     return image
-
-
-PICTURES = {
-    "black": _even(0),
-    "white": _even(255),
-    "noise": _noise,
-    "one pixel light, one dark": _chequered(1),
-    "two by two": _chequered(2),
-}
-
-
-def _seen(target: str, image: Image, *, with_camera: bool) -> Detection:
-    options = {f"--{name}": value for name, value in TARGETS[target].items()}
-    height, width = image.shape[:2]
-    camera = CameraModel.with_focal_length(float(max(height, width)), width, height) if with_camera else None
-    (named,) = build_detectors(targets_from_options(options).choices, camera)
-    before = image.copy()
-    detection = named.detector.detect(Frame(image=image, captured_at_s=0.0, sequence=0), lens=camera)
-    assert np.array_equal(image, before)
-    return detection
-
-
-def _is_ordinary(detection: Detection) -> bool:
-    figures = [each for rejected in detection.rejected for each in (*rejected.centre_px, rejected.size_px)]
-    return bool(detection.reason) and "\n" not in detection.reason and all(map(math.isfinite, figures))
-
-
-@pytest.mark.long
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
-@pytest.mark.parametrize("target", TARGETS)
-def test_a_picture_with_nothing_in_it_has_a_reason(target: str) -> None:
-    for make in PICTURES.values():
-        for with_camera in (False, True):
-            detection = _seen(target, make(240, 320), with_camera=with_camera)
-            assert detection.status is DetectionStatus.NOT_FOUND
-            assert _is_ordinary(detection)
-
-
-@pytest.mark.long
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
-@pytest.mark.parametrize("target", TARGETS)
-def test_a_tiny_or_thin_picture_has_a_reason(target: str) -> None:
-    for shape in SHAPES:
-        for make in (_even(0), _even(255), _noise):
-            for with_camera in (False, True):
-                detection = _seen(target, make(*shape), with_camera=with_camera)
-                assert detection.status is not DetectionStatus.FOUND
-                assert _is_ordinary(detection)
-
-
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
-def test_a_picture_need_not_lie_in_one_piece_of_memory() -> None:
-    for turn in [np.s_[:, ::-1], np.s_[::-1], np.s_[:, :, ::-1], np.s_[::2, ::2]]:
-        scene = _scene() if turn != np.s_[::2, ::2] else cv2.resize(_scene(), None, fx=2, fy=2, interpolation=0)
-        scene.setflags(write=False)
-        assert _seen("sheet", scene[turn], with_camera=True).width_px == pytest.approx(220, abs=0.1)
-
-
-@pytest.mark.vision
-@pytest.mark.oldest_opencv
-@pytest.mark.long
-def test_fifty_megapixels_with_a_sheet_are_measured() -> None:
-    image = cv2.resize(_scene(), (8000, 6000), interpolation=cv2.INTER_NEAREST)
-    detection = _seen("sheet", image, with_camera=True)
-    assert detection.width_px == pytest.approx(220 * 12.5, abs=1)
 
 
 def _run(*arguments: object) -> Typed:

@@ -20,7 +20,6 @@ from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.render import render
 from support.scenes.scene import Scene
-from support.v4l2_double import V4l2Double
 
 pytestmark = pytest.mark.vision
 
@@ -67,15 +66,6 @@ def test_one_picture_is_enough(near: Path, output: Path) -> None:
     assert (answer["file"], answer["replaced"]) == (str(output), True)
     assert answer["camera_model"]["fx_px"] == answer["fit"]["focal_px"] == pytest.approx(model.fx_px)
     assert answer["pictures"][0]["picture"] == str(near)
-
-
-def test_several_pictures_are_listed_and_combined(near: Path, output: Path, tmp_path: Path) -> None:
-    far = _picture(tmp_path / "far.png", 110, 85)
-    result = typed("calibrate", "distance", f"{near}@30in", f"{far}@5ft", *SHEET, "-o", output)
-    assert result.returncode == 0
-    assert [line.split("  ")[0] for line in result.stdout.splitlines()[:2]] == [str(near), f"{far} "[:-1]]
-    assert "the camera file reads" in result.stdout
-    assert len(load_camera_model(output).provenance.notes) == 2
 
 
 def test_a_picture_whose_distance_is_mistyped_is_named_and_left_out(near: Path, output: Path, tmp_path: Path) -> None:
@@ -146,14 +136,6 @@ def test_a_picture_without_the_target_is_left_out_and_exits_1(near: Path, output
     assert load_camera_model(output).fx_px == pytest.approx(600, rel=0.003)
 
 
-def test_no_picture_with_the_target_writes_nothing(output: Path, tmp_path: Path) -> None:
-    wall = _picture(tmp_path / "wall.png", 1, 1)
-    result = typed("calibrate", "distance", f"{wall}@30in", *SHEET, "-o", output)
-    assert result.returncode == 1
-    assert "nothing was written" in result.stderr
-    assert not output.exists()
-
-
 def test_a_picture_that_is_given_twice_is_refused_since_it_tells_nothing_more(near: Path, output: Path) -> None:
     for distances in (("30in", "30in"), ("30in", "60in")):
         result = typed("calibrate", "distance", *(f"{near}@{each}" for each in distances), *SHEET, "-o", output)
@@ -176,13 +158,6 @@ def test_a_bad_distance_is_one_line_and_exit_2(near: Path, output: Path, distanc
     assert result.returncode == 2
     (line,) = result.stderr.splitlines()
     assert said in line
-    assert not output.exists()
-
-
-def test_a_picture_that_cannot_be_read_exits_2_and_writes_nothing(near: Path, output: Path, tmp_path: Path) -> None:
-    result = typed("calibrate", "distance", f"{near}@30in", f"{tmp_path / 'missing.png'}@30in", *SHEET, "-o", output)
-    assert result.returncode == 2
-    assert "there is no such file" in result.stderr
     assert not output.exists()
 
 
@@ -252,22 +227,9 @@ def test_a_wrong_camera_file_is_said_to_be_wrong_by_how_much_and_which_way(pictu
     assert "% too far" in verdict
 
 
-@pytest.mark.long
-def test_a_picture_without_the_target_exits_1(picture: Path, tmp_path: Path) -> None:
-    wall = tmp_path / "wall.png"
-    cv2.imwrite(str(wall), np.full((480, 640, 3), 90, np.uint8))
-    result = _check(f"{picture}@30in", f"{wall}@30in", "--camera", _camera_file(tmp_path, 600), *SHEET)
-    assert result.returncode == 1
-    assert result.stderr.startswith(f"left out: {wall}: ")
-    alone = _check(f"{wall}@30in", "--camera", _camera_file(tmp_path, 600), *SHEET)
-    assert (alone.returncode, alone.stdout) == (1, "")
-    assert "nothing was checked" in alone.stderr
-
-
 # `calibrate distance --live`, with pictures for a camera: each distance takes the next nine of them.
 
 BALL = ("--ball", "20cm", "--hsv", "20,60,40:50,255,255")
-NOTHING = np.full((480, 640, 3), 90, np.uint8)
 
 
 @cache
@@ -302,17 +264,6 @@ def test_two_distances_asked_for_and_proved_give_a_camera_file(tmp_path: Path) -
     assert "at 3 m" in model.provenance.notes[1]
 
 
-def test_settings_that_the_camera_did_not_take_are_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = V4l2Double.plugged_in(tmp_path / "video0", _ball_at(1.0), monkeypatch)
-    device.kept[cv2.CAP_PROP_AUTOFOCUS] = 1.0
-    config = tmp_path / "room.toml"
-    config.write_text(f'[camera]\ndriver = "opencv"\ndevice = "{device.node}"\n')
-    output = str(tmp_path / "camera.toml")
-    result = typed("calibrate", "distance", "--live", config, *BALL, "-o", output)
-    assert "note: asked for a fixed focus, the camera keeps refocusing: distances will drift\n" in result.stderr
-    assert not device.isOpened(), "the camera is left closed"
-
-
 @pytest.mark.long
 def test_the_distance_that_it_really_has_can_be_typed_and_a_wrong_unit_is_asked_again(tmp_path: Path) -> None:
     result = _run_live(tmp_path, [_ball_at(1.0), _ball_at(2.5)], "\n3 apples\n2.5m\n", "--at", "1m", "--at", "2m")
@@ -320,22 +271,6 @@ def test_the_distance_that_it_really_has_can_be_typed_and_a_wrong_unit_is_asked_
     assert "error: the distance: '3 apples'" in result.stderr
     assert result.stdout.count("Now put it at 2m.") == 2
     assert "at 2.5m" in load_camera_model(tmp_path / "camera.toml").provenance.notes[1]
-
-
-def test_distances_that_contradict_each_other_leave_no_file(tmp_path: Path) -> None:
-    result = _run_live(tmp_path, [_ball_at(1.0), _ball_at(3.0, 660.0)], "\n\n")
-    assert result.returncode == 2
-    assert "at 1 m and at 3 m contradict each other" in result.stderr
-    assert result.stderr.endswith("error: nothing was written\n")
-    assert not (tmp_path / "camera.toml").exists()
-
-
-@pytest.mark.long
-def test_a_target_that_is_not_seen_is_asked_for_again(tmp_path: Path) -> None:
-    result = _run_live(tmp_path, [NOTHING, _ball_at(1.0), _ball_at(3.0)], "\n\n\n")
-    assert result.returncode == 0, result
-    assert "at 1 m the target was found in 0 of 9 frames: no pixel" in result.stderr
-    assert result.stdout.count("Put it at 1 m.") == 2
 
 
 def test_without_an_answer_nothing_is_written(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -236,14 +235,6 @@ def test_pictures_and_a_camera_exclude_each_other(pictures: list[Path], output: 
         result = _run(*arguments, *BOARD, "-o", output)
         assert result.returncode == 2
         assert "give pictures of the board, or --live for a camera" in result.stderr
-
-
-def test_pictures_of_two_resolutions_are_refused(pictures: list[Path], output: Path, tmp_path: Path) -> None:
-    large = tmp_path / "large.png"
-    cv2.imwrite(str(large), cv2.resize(cv2.imread(str(pictures[0])), (1280, 960)))
-    result = _run(*pictures, large, *BOARD, "-o", output)
-    assert result.returncode == 2
-    assert f"{large} has 1280x960" in result.stderr
 
 
 # The command ``calibrate floor``, and what `measure` makes of the lines that it prints.

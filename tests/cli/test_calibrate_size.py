@@ -121,13 +121,6 @@ def test_a_picture_without_the_thing_is_left_out_with_its_reason(camera, tmp_pat
     assert answer["tolerance_m"] == pytest.approx(answer["sigma_share"] * answer["diameter_m"])
 
 
-def test_nothing_is_learnt_if_the_thing_is_in_one_picture_only(camera, tmp_path) -> None:
-    a, b = _pictures(tmp_path, _image("ball", 0.0), NOTHING)
-    result = _run(a, f"{b}@20cm", "--camera", camera, *BALL)
-    assert (result.returncode, result.stdout) == (1, "")
-    assert "found in 1 of 2 pictures, and two are needed; `stadimeter measure --explain`" in result.stderr
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -164,12 +157,6 @@ def test_before_a_camera_another_place_may_be_typed_and_a_missed_thing_is_asked_
     assert "error: at 20cm it was found in 0 of 9 frames: no pixel" in result.stderr
     assert "error: the move: '25 apples'" in result.stderr
     assert re.search(r"diameter 1[78]\.\d cm ± \d", result.stdout)
-
-
-def test_before_a_camera_without_an_answer_nothing_is_learnt(camera, tmp_path) -> None:
-    result = _live(tmp_path, camera, [_image("ball", 0.0)], "")
-    assert result.returncode == 1
-    assert "there is no answer, so nothing was learnt" in result.stderr
 
 
 def test_two_tags_are_not_taken_for_one(camera, tmp_path) -> None:

@@ -13,7 +13,6 @@ from stadimeter.config.schema import configuration_schema
 
 # The command `check` prints every error beside its line, or what the configuration does.
 
-CONFIGURATIONS = Path(__file__).parents[2] / "config"
 
 WRONG = """\
 [camera]
@@ -71,18 +70,6 @@ def test_a_file_that_is_not_there_is_one_clear_line(tmp_path: Path) -> None:
     result = run_check(str(tmp_path / "nowhere.toml"))
     assert result.exit_code == 2
     assert result.stderr.splitlines()[0] == f"{tmp_path / 'nowhere.toml'}: error: there is no such file"
-
-
-def test_a_sound_configuration_is_told_in_words() -> None:
-    file = CONFIGURATIONS / "distance-alert.toml"
-    result = run_check(str(file), "--elsewhere")
-    assert result.exit_code == 0
-    assert result.stderr == ""
-    assert (
-        "`far` vibrates `motor` when `ball` is further than 3.05 m (10.0 ft), full at 6.10 m (20.0 ft); off when lost."
-        in result.stdout
-    )
-    assert result.stdout.splitlines()[-1] == f"{file} can be used"
 
 
 SHADOWED = """\

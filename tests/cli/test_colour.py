@@ -73,12 +73,6 @@ def test_a_folder_of_pictures_is_left_as_it_is_unless_copies_are_asked_for(green
     assert [each.name for each in green_ball.parent.iterdir()] == [green_ball.name]
 
 
-def test_of_two_balls_the_one_that_is_pointed_at_gives_the_range(tmp_path: Path) -> None:
-    two = _picture(tmp_path / "two.png", ((150, 200), 40, GREEN), ((450, 240), 30, ORANGE))
-    told = typed("colour", two, "--at", "455,238", "--annotate", tmp_path)
-    assert re.search(r"a ball at 450,240, 6[01] px across", told.stdout)
-
-
 @pytest.mark.long
 def test_two_lights_join_into_a_range_for_both(tmp_path: Path) -> None:
     noon = _picture(tmp_path / "noon.png", ((300, 200), 40, GREEN))
@@ -89,12 +83,6 @@ def test_two_lights_join_into_a_range_for_both(tmp_path: Path) -> None:
         assert _measured(picture, _range_in(told.stdout)).returncode == 0
     assert (tmp_path / "noon-colour.png").is_file()
     assert (tmp_path / "dusk-colour.png").is_file()
-
-
-def test_a_picture_without_anything_of_a_colour_asks_for_a_place(tmp_path: Path) -> None:
-    told = typed("colour", _picture(tmp_path / "grey.png"), "--annotate", tmp_path)
-    assert told.returncode == 2
-    assert "point at it with --at X,Y" in told.stderr
 
 
 def test_pointing_at_the_background_says_so(green_ball: Path) -> None:
@@ -130,14 +118,3 @@ def test_measure_proposes_a_range_where_no_pixel_has_the_colour(green_ball: Path
     found = re.search(r'hsv = "(.+)"', told.stderr)
     assert found
     assert _measured(green_ball, found[1]).returncode == 0
-
-
-def test_as_json_it_is_one_object_with_the_range_and_what_each_picture_shows(green_ball: Path) -> None:
-    result = typed("colour", green_ball, "--annotate", green_ball.parent, "--json")
-    assert result.returncode == 0
-    said = json.loads(result.stdout)
-    (picture,) = said["pictures"]
-    assert _measured(green_ball, said["hsv"]).returncode == 0
-    assert (picture["file"], picture["status"], picture["is_where_pointed"]) == (str(green_ball), "found", True)
-    assert picture["centre_px"] == pytest.approx([300, 200], abs=1)
-    assert Path(picture["copy"]).is_file()

@@ -75,12 +75,6 @@ def found(result: Result, check: str) -> list[dict[str, str]]:
     return [each for each in json.loads(result.stdout)["checks"] if each["check"] == check]
 
 
-def test_a_broker_that_does_not_answer_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (broker,) = found(run(PC, tmp_path, monkeypatch, with_broker(tmp_path, free_port()), "--json"), "broker")
-    assert broker["severity"] == "wrong"
-    assert "is a broker running there?" in broker["seen"]
-
-
 def test_a_report_names_no_secret_no_computer_and_no_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("USER", "maker")

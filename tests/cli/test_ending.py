@@ -209,11 +209,6 @@ def blocked_pipe():
     os.close(ours)
 
 
-def test_nothing_pending_is_the_usual_end(robot):
-    robot.start()
-    assert robot.end() == (0, USUAL_WARNINGS)
-
-
 @pytest.mark.parametrize("streams", [("stdout",), pytest.param(("stdout", "stderr"), marks=pytest.mark.long)])
 def test_a_terminal_that_takes_no_more_lines_does_not_keep_it_from_ending(robot, streams):
     with blocked_pipe() as (pipe, fill):

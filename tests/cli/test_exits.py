@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import errno
 import os
 import shutil
@@ -26,7 +25,7 @@ from stadimeter.app.bootstrap import demo_configuration
 from stadimeter.cli import exits
 from stadimeter.cli.check import print_problems
 from stadimeter.cli.exits import DONE, WRONG, plain_errors
-from stadimeter.cli.main import PLAIN, PLAIN_ERRORS, app, plain
+from stadimeter.cli.main import PLAIN_ERRORS, app
 from stadimeter.cli.run import _telling_of_threads
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.toml_lines import key_spans
@@ -170,20 +169,6 @@ def test_what_ascii_lacks_is_written_plainly() -> None:
         ("café.png caf\udce9.png", "caf\\xe9.png caf\\udce9.png"),
     ]:
         assert words.encode("ascii", PLAIN_ERRORS).decode("ascii") == written
-
-
-def test_what_an_encoding_has_stays_as_it_is() -> None:
-    assert "± → é".encode("latin-1", PLAIN_ERRORS) == "± -> é".encode("latin-1")
-
-
-def test_every_stand_in_is_ascii() -> None:
-    assert all(word.isascii() for word in PLAIN.values())
-    assert plain("a") == "a"
-
-
-def test_what_cannot_be_read_stays_an_error() -> None:
-    with pytest.raises(UnicodeDecodeError):
-        codecs.decode(b"\xff", "ascii", PLAIN_ERRORS)
 
 
 @pytest.mark.long
@@ -331,10 +316,6 @@ def test_an_address_is_covered_and_the_rest_of_its_line_is_not(tmp_path: Path) -
     assert "token" not in said
     assert f'url = "tgram://{"…" * len("123:token/4")}", url_file = 1' in line
     assert line.index("url_file") == underline.index("^")
-
-
-def test_a_line_without_an_address_is_shown_as_it_is(tmp_path: Path) -> None:
-    assert 'pin = "18"' in shown(tmp_path, '[actuators.motor]\npin = "18"\n', "actuators.motor.pin", 2)
 
 
 def test_of_a_line_that_fills_the_screen_only_what_matters_is_shown(tmp_path: Path) -> None:

@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.config import plugins
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.config.loader import Configuration, load_configuration
@@ -26,7 +25,6 @@ from stadimeter.workbench.saving import versions
 from stadimeter.workbench.setup.interview import answer_keys, save_answers
 from stadimeter.workbench.setup.recipes import load_recipes
 from support.command_line import Typed, typed
-from support.networks import write_network
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.cut_sheet import GroupTarget
@@ -34,7 +32,6 @@ from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget
 from support.scenes.render import render
 from support.scenes.scene import Scene
 from support.terminal import Terminal
-from support.v4l2_double import V4l2Double
 
 pytestmark = [pytest.mark.vision, pytest.mark.timeout(300)]
 
@@ -206,19 +203,6 @@ def _typed(folder: Path, monkeypatch: pytest.MonkeyPatch, *answers: str) -> Type
     return typed("init", folder, answers="".join(f"{answer}\n" for answer in answers))
 
 
-@pytest.mark.long
-def test_a_buzz_when_the_ball_is_near_takes_six_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    camera = V4l2Double.plugged_in(tmp_path / "video0", balls((0.0, 0.0, 1.0 + BALL_M / 2)), monkeypatch)
-    node = str(camera.node)
-    attached = AttachedCamera(driver="opencv", options={"device": node}, path=node, name="Webcam", node=node)
-    monkeypatch.setattr("stadimeter.workbench.setup.camera_step.list_cameras", lambda: [attached])
-    told = _typed(tmp_path, monkeypatch, "ball", "20 cm", "1 m", "near", "80 cm", "buzzer 23")
-    assert told.returncode == 0, told
-    written = load_configuration(tmp_path / "stadimeter.toml")
-    assert [rule.name for rule in written.plan.rules] == ["near"]
-    assert [each.driver for each in written.actuators] == ["buzzer"]
-
-
 def test_a_configuration_that_is_to_stay_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "stadimeter.toml").write_text("# mine\n")
     assert _typed(tmp_path, monkeypatch, "no").returncode == 1
@@ -258,27 +242,6 @@ def measured(folder: Path, picture: str) -> dict[str, float | None]:
     told = typed("measure", folder / picture, "--config", folder / "stadimeter.toml", "--json")
     results = [json.loads(line) for line in told.stdout.splitlines()]
     return {each["target"]: each["distance_m"] for each in results}
-
-
-@pytest.mark.parametrize(
-    ("answers", "key", "words"),
-    [
-        ({"target": "person", "model": "given.toml"}, "model", "given.toml"),
-        ({"target": "picture", "picture": "none.jpg"}, "picture", "none.jpg cannot be read"),
-        ({"target": "balls", "size": "20 cm", "number": "many"}, "number", "'many'"),
-        ({"target": "tags", "size": "20 cm", "tags": "36h11 3 3"}, "tags", "3 is given twice"),
-        ({"target": "ball", "size": "20 cm", "colour": COLOUR, "recipe": "crowd"}, "recipe", "for several of one kind"),
-    ],
-)
-def test_what_cannot_be_used_is_named_with_its_question(
-    tmp_path: Path, answers: dict[str, str], key: str, words: str
-) -> None:
-    cv2.imwrite(str(tmp_path / "1m.png"), balls(NEAR))
-    write_network(tmp_path / "mine.onnx", "yolox")
-    told = init(tmp_path, **answers)
-    assert told.returncode == 2, told
-    assert f"given.toml: {key}: " in told.stderr
-    assert words in told.stderr
 
 
 @pytest.mark.long

@@ -7,12 +7,11 @@ import pty
 import signal
 import termios
 from contextlib import closing
-from typing import Any
 
 import pytest
 
 from stadimeter.app.bootstrap import build, demo_configuration
-from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.loop import Loop
 from stadimeter.cli.demo import fault_keys
 from stadimeter.cli.keyboard import Keyboard, RunKeys
 from support.terminal import Terminal
@@ -106,22 +105,6 @@ def test_each_key_again_undoes_what_it_did() -> None:
         for is_wrong in (True, False):
             RunKeys(loop, fault_keys(loop), keyboard=Pressed(key)).attend(lambda: None)
             assert world.goes_wrong(fault) is is_wrong
-
-
-@pytest.mark.long
-def test_the_robot_that_is_unplugged_by_a_key_stops_and_is_in_order_after_a_rest() -> None:
-    loop = Loop(build(demo_configuration(), speed=None))
-    keys = RunKeys(loop, fault_keys(loop), keyboard=Pressed(*[""] * 60, "u", *[""] * 60, "u"))
-    wheels: list[tuple[float, float]] = []
-    world: Any = loop.parts.world
-    loop.listeners += [
-        lambda *_: keys.attend(lambda: None),
-        lambda *_: wheels.append((world.now_s, abs(world.robot.wheels_mps[0]))),
-    ]
-    loop.run(Limits(seconds=9.0))
-    assert max(speed for at_s, speed in wheels if at_s < 2.0) > 0.2, "it drove"
-    assert max(speed for at_s, speed in wheels if 5.0 < at_s < 8.5) < 1e-3, "it stood"
-    assert [output.fault for output in loop.parts.outputs] == ["", "", ""], "it may drive again"
 
 
 def test_while_the_run_is_paused_its_clock_stands_still() -> None:

@@ -300,12 +300,6 @@ def test_the_words_of_what_acts_and_of_the_newest_event_take_the_lines_that_they
         assert LONG in " ".join(" ".join(row[len(beside) :] for row in rows[first : first + 4]).split())
 
 
-def test_what_does_not_fit_is_counted_at_the_bottom(make_record: Callable[..., CycleRecord]) -> None:
-    rules = tuple(RuleTrace(rule=f"rule-{number}", status=RuleStatus.IDLE) for number in range(30))
-    rows = screen(shown(make_record(rules=rules)), 80, 24)
-    assert re.fullmatch(r"\d+ more lines need a higher terminal", rows[-1].strip())
-
-
 def test_what_is_told_and_the_keys_stand_at_the_top_and_the_bottom(make_record: Callable[..., CycleRecord]) -> None:
     keys = RunKeys(Loop(build(demo_configuration(), speed=None)), can_pause=True, keyboard=Everywhere(-1))
     for width, height in SIZES:
@@ -425,17 +419,6 @@ def test_a_driver_s_words_stay_on_one_line(make_record: Callable[..., CycleRecor
 # A view that blocks holds up nothing.
 
 
-def test_what_is_submitted_is_shown_in_order():
-    shown = []
-    thread = ViewThread(shown.append)
-    thread.start()
-    for number in range(100):
-        thread.submit(number)
-    thread.stop()
-    assert shown == list(range(100))
-    assert thread.dropped == 0
-
-
 def test_a_view_that_blocks_does_not_block_the_loop_and_what_is_not_shown_is_counted():
     let_go, entered, shown = threading.Event(), threading.Event(), []
 
@@ -524,12 +507,6 @@ def test_a_limit_is_dashes_at_its_figure_and_the_line_is_dots_before_it() -> Non
     assert label.plain.startswith("2.80 m ┤")
     assert any(span.style == LIMIT_STYLE for span in label.spans)
     assert "╌" not in "".join(plot(StripChart(60, 8, limits_m=(2.0,)), samples([2.0] * 301))), "the line is before it"
-
-
-def test_several_targets_are_lines_of_their_own_colours() -> None:
-    rows = StripChart(60, 8).render([(LINES[0], samples([2.0] * 301)), (LINES[1], samples([3.0] * 301))], 30.0)
-    colours = [{span.style for span in row.spans} & set(LINES) for row in rows]
-    assert [each for each in colours if each] == [{LINES[1]}, {LINES[0]}]
 
 
 @given(

@@ -104,13 +104,6 @@ def test_copies_in_the_pictures_own_folder_leave_the_pictures_alone(pictures: Pa
     assert (pictures / "ball-measured.png").exists()
 
 
-def test_no_camera_file_says_how_to_make_one(pictures: Path) -> None:
-    result = _run(pictures / "ball.png", *BALL)
-    assert result.returncode == 2
-    assert "--camera: the camera file is missing" in result.stderr
-    assert "calibrate distance" in result.stderr
-
-
 def test_a_broken_camera_file_is_named_with_its_line(pictures: Path, tmp_path: Path) -> None:
     (tmp_path / "camera.toml").write_text("width_px = 640\nheight_px = -480\nfx_px = 600\n", encoding="utf-8")
     result = _run(pictures / "ball.png", "--camera", tmp_path / "camera.toml", *BALL)
@@ -203,17 +196,6 @@ def test_json_has_the_outline_and_says_what_is_only_perhaps_the_target() -> None
     assert json.loads(json.dumps(not_found().record()))["outline_px"] == []
 
 
-def test_a_tilt_that_may_as_well_be_the_other_way_is_said() -> None:
-    lines = explanation(result(replace(MEASURED, ambiguity=0.93)))
-    assert "tilted 14°, or mirrored: both explain the picture nearly alike (ambiguity 0.93, 1 is no idea)" in lines[1]
-
-
-def test_a_target_that_was_not_found_has_only_what_was_rejected() -> None:
-    assert explanation(not_found(DOOR)) == [
-        "    rejected   1  88 px at 120, 340  edge scatters by 2.1 px, limit 1.0 px"
-    ]
-
-
 def test_a_picture_in_which_nothing_was_looked_at_says_so() -> None:
     assert explanation(not_found()) == ["    rejected   nothing was looked at"]
     assert explanation(result())[-1] == "    rejected   nothing else was looked at"
@@ -237,13 +219,6 @@ def test_the_fields_for_programs_say_the_same() -> None:
         "floor_apart_sigmas": None,
         "rejected": [{"number": 4, "centre_px": [120.4, 340.0], "size_px": 88.2, "reason": DOOR.reason}],
     }
-
-
-def test_a_figure_that_is_no_number_is_null_for_programs() -> None:
-    broken = replace(FOUND, size_sigma_px=math.inf, rejected=(replace(DOOR, size_px=math.nan),))
-    record = explanation_record(result(found=broken))
-    assert record["size_sigma_px"] is None
-    json.dumps(record, allow_nan=False)
 
 
 # ``measure --at``, two targets, and the robot's frame.

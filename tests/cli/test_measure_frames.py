@@ -169,13 +169,6 @@ class Interrupted:
         self.is_closed = True
 
 
-def test_a_camera_that_is_not_there_is_one_line(camera) -> None:
-    result = _run("--live", "opencv,device=97", *camera, *TAG)
-    assert result.returncode == 2
-    (line,) = result.stderr.splitlines()
-    assert "/dev/video97" in line
-
-
 def test_a_live_camera_goes_on_until_ctrl_c(camera, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = Interrupted(_scene({3: LEFT}))
     monkeypatch.setattr(frame_source, "open_source", lambda _: Source(capture=capture, is_live=True))

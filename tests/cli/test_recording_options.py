@@ -117,13 +117,6 @@ def test_a_run_that_begins_no_cycle_leaves_an_older_journal_where_it_is(config: 
     assert sorted(each.name for each in tmp_path.glob("run*")) == ["run.jsonl"]
 
 
-def test_a_pipe_is_refused_at_once(config: Path, tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    done = typed("run", config, "--journal", tmp_path / "pipe")
-    assert done.returncode == 2
-    assert "holds something else than a journal" in done.stderr
-
-
 @pytest.fixture
 def stuck() -> Iterator[str]:
     """Return a terminal that takes a few kilobytes and then hangs, as a disk may: its other side is never read."""

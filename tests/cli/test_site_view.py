@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-from contextlib import closing
 from pathlib import Path
 
 import cv2
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.mounting import load_reference, watch_of
+from stadimeter.app.loop import Loop
+from stadimeter.app.mounting import watch_of
 from stadimeter.cli import run_services
-from stadimeter.cli.run_services import RunOptions, open_services
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.camera_pose import MountingStatus
 from support.command_line import typed
 from support.watched_room import FOCAL_PX, Pose, WatchedRoom
 
@@ -103,33 +100,6 @@ def test_a_run_of_a_live_camera_watches_as_soon_as_a_view_was_saved(site, monkey
     assert watched(CONFIGURATION + "[mounting]\nwatch = false\n") is None
     site.with_suffix(".mounting").write_bytes(b"damaged")
     assert watched() is None
-
-
-@pytest.mark.long
-def test_a_run_without_a_live_camera_watches_nothing(site) -> None:
-    typed("site", "save", site)
-    loop = Loop(build(load_configuration(site), speed=None))
-    with open_services(loop, RunOptions(no_state=True, is_unhurried=False)):
-        loop.run(Limits(frames=3))
-    assert loop.parts.cycle.mounting_watch is None
-
-
-def test_the_thread_of_a_run_judges_its_pictures(site) -> None:
-    """The whole way with the real thread: pictures of a run, a check, a mark in the observation."""
-    typed("site", "save", site)
-    write(site.parent / "shots", Pose(pan_deg=0.5))
-    loop = Loop(build(load_configuration(site), speed=None))
-    watch, why = watch_of(loop.parts.configuration)
-    assert not why
-    loop.parts.cycle.mounting_watch = watch
-    loop.listeners.append(watch)
-    with closing(watch):
-        loop.run()
-        # The last cycle has taken in what the thread found, or it is still at it.
-        found = watch.mounting if watch._check is None else watch._check.result(60)
-    assert found.status is MountingStatus.AS_SAVED, "one finding is none"
-    assert [*watch._judge._in_a_row] == ["moved"]
-    assert load_reference(site) is not None
 
 
 def test_a_wanted_watch_without_a_saved_view_is_said(site) -> None:

@@ -177,16 +177,6 @@ def test_a_ball_that_is_larger_than_stated_is_said(shoot: Shot, stereo: tuple[st
     assert "% larger than stated, or the cameras have moved against each other" in result.stderr
 
 
-def test_explain_says_what_both_and_each_of_them_see(shoot: Shot, stereo: tuple[str, str], tmp_path: Path) -> None:
-    copies = tmp_path / "copies"
-    result = typed("measure", *shoot(ball()), *stereo, *BALL, "--explain", "--annotate", copies)
-    labels = [line.split()[0] for line in result.stdout.splitlines()[1:]]
-    assert labels[:3] == ["seen", "together", "by"]
-    assert "without its size; the lines of sight miss each other by 0." in result.stdout
-    assert "; the left camera alone 1.2" in result.stdout
-    assert [path.name for path in copies.iterdir()] == ["left-measured.png"]
-
-
 def test_a_target_in_only_one_picture_has_no_distance_and_what_one_camera_says(
     shoot: Shot, stereo: tuple[str, str], tmp_path: Path
 ) -> None:

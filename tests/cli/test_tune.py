@@ -57,15 +57,6 @@ def test_one_of_the_few_that_meet_marks_is_saved_with_a_test_that_passes(invoked
 
 
 @pytest.mark.long
-def test_programs_get_what_each_would_have_done(invoked):
-    found = json.loads(invoked("near", *MARKS, "--json").stdout)
-    assert found["as_it_is"]["changes"] == {}
-    changed = [set(each["changes"]) for each in found["proposals"]]
-    assert {"on_delay"} in changed
-    assert not any(one < other for one in changed for other in changed), "none changes more than it needs"
-
-
-@pytest.mark.long
 def test_without_marks_delays_and_deadband_are_found_that_end_false_alarms(invoked, tmp_path):
 
     def flutter(at_s: float) -> float:

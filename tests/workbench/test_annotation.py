@@ -18,7 +18,6 @@ from stadimeter.config.plugins import DETECTORS, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.frame import Frame
-from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.errors import PictureError
 from stadimeter.workbench import annotation
 from stadimeter.workbench.annotation import GREEN, GREY, ORANGE, RED, Box, Mark, annotate, write_picture
@@ -51,14 +50,6 @@ def _mark(status: DetectionStatus = DetectionStatus.FOUND, outline: np.ndarray =
 def _pixels_of(image: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
     rows, columns = np.nonzero(np.abs(image.astype(int) - colour).max(axis=2) < 12)
     return np.column_stack([columns, rows])
-
-
-def test_the_picture_itself_is_not_changed_and_the_copy_is() -> None:
-    image = _blank()
-    copy = annotate(image, [_mark()])
-    assert (image == 128).all()
-    assert copy.shape == image.shape
-    assert (copy != image).any()
 
 
 def test_the_outline_runs_through_the_corners() -> None:
@@ -133,26 +124,6 @@ def test_neither_label_nor_legend_of_one_target_covers_it_or_the_other(
         assert box.bottom <= size[1]
         nearest = np.clip(limb.mean(axis=0), (box.left, box.top), (box.right, box.bottom))
         assert math.dist(nearest, limb.mean(axis=0)) > radius
-
-
-def test_where_there_is_no_room_the_label_is_inside_the_picture_all_the_same() -> None:
-    whole = np.array([(2.0, 2.0), (898.0, 2.0), (898.0, 598.0), (2.0, 598.0)])
-    labels, panels = _places([_mark(outline=whole)], 900, 600)
-    for box in (*labels, *panels):
-        assert box.left >= 0
-        assert box.bottom <= 600
-
-
-def test_a_rejected_outline_of_four_sides_is_drawn_as_one() -> None:
-    corners = ((650.0, 400.0), (800.0, 420.0), (790.0, 520.0), (640.0, 500.0))
-    candidate = RejectedCandidate(centre_px=(720.0, 460.0), size_px=151.0, reason="x", corners_px=corners)
-    plain = annotate(_blank(), [_mark()])
-    copy = annotate(_blank(), [_mark(rejected=((7, candidate),))])
-    drawn = np.argwhere((copy != plain).any(axis=2))[:, ::-1]
-    for corner in corners:
-        assert np.hypot(*(drawn - corner).T).min() < 2.5
-    assert np.hypot(*(drawn - (720, 460)).T).min() > 30, "nothing inside, and no ring"
-    assert not ((drawn[:, 0] < 900) & (drawn[:, 1] > 530)).any(), "a ring would reach further down"
 
 
 def test_what_was_rejected_is_drawn_as_a_thin_ring_with_its_number() -> None:
@@ -230,46 +201,6 @@ def ball_picture(tmp_path: Path) -> Path:
     return tmp_path / "ball.png"
 
 
-def test_each_target_has_a_result_for_each_picture(ball_picture: Path, targets) -> None:
-    result = Measuring(targets, CAMERA).measure_file(ball_picture)
-    assert [each.measurement.target for each in result.targets] == ["left", "right"]
-    assert result.file == str(ball_picture)
-    assert result.frame is not None
-    for each in result.targets:
-        assert each.measurement.status is MeasurementStatus.MEASURED
-        assert each.measurement.distance_m == pytest.approx(0.1 * 600 / 60, rel=0.03)
-        assert each.detection is not None
-
-
-def test_a_record_has_exactly_the_keys_that_programs_read(ball_picture: Path, targets) -> None:
-    record = Measuring(targets, CAMERA).measure_file(ball_picture).targets[0].record()
-    assert list(record) == [
-        "file",
-        "target",
-        "status",
-        "perhaps",
-        "distance_m",
-        "depth_m",
-        "sigma_m",
-        "bearing_rad",
-        "elevation_rad",
-        "tilt_rad",
-        "ambiguity",
-        "reason",
-        "x_m",
-        "y_m",
-        "z_m",
-        "bearing_sigma_rad",
-        "elevation_sigma_rad",
-        "outline_px",
-        "id",
-        "frame",
-        "time_s",
-    ]
-    assert record["status"] == "measured"
-    assert record["reason"] == ""
-
-
 def test_a_picture_of_another_size_is_measured_through_the_scaled_camera(ball_picture: Path, targets) -> None:
     large = ball_picture.with_name("large.png")
     cv2.imwrite(str(large), cv2.resize(cv2.imread(str(ball_picture)), (1280, 960), interpolation=cv2.INTER_CUBIC))
@@ -277,15 +208,6 @@ def test_a_picture_of_another_size_is_measured_through_the_scaled_camera(ball_pi
     assert Measuring(targets, CAMERA).measure_file(large).targets[0].measurement.distance_m == pytest.approx(
         small_m, rel=0.01
     )
-
-
-def test_a_picture_of_another_aspect_is_an_error_with_a_reason(ball_picture: Path, targets) -> None:
-    cut = ball_picture.with_name("cut.png")
-    cv2.imwrite(str(cut), cv2.imread(str(ball_picture))[:360])
-    for each in Measuring(targets, CAMERA).measure_file(cut).targets:
-        assert each.measurement.status is MeasurementStatus.ERROR
-        assert "another aspect" in each.measurement.reason
-        assert each.measurement.distance_m is None
 
 
 class Steady(PretendBalls):

@@ -144,14 +144,6 @@ def test_the_corners_are_where_they_were_drawn(square_px: int) -> None:
     assert sorted_px == pytest.approx(expected, abs=0.06)
 
 
-@pytest.mark.parametrize("board", [BOARD, CHARUCO])
-@pytest.mark.parametrize("shape", [(1, 1, 3), (480, 640, 3)])
-def test_a_picture_without_the_board_gives_the_reason(board: Chessboard | CharucoBoard, shape: tuple[int, ...]) -> None:
-    reason = board.find("a.png", np.full(shape, 128, np.uint8))
-    assert isinstance(reason, str)
-    assert "9x6 inner corners" in reason or "0 of 24 corners of the ChArUco board" in reason
-
-
 def test_a_charuco_board_may_be_partly_hidden() -> None:
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
     image = cv2.aruco.CharucoBoard((5, 7), 0.04, 0.02, dictionary).generateImage((500, 700), marginSize=20)

@@ -127,10 +127,6 @@ def test_what_was_measured_is_kept_and_gone_on_with(measured: Path) -> None:
     assert session_of(measured).certificate.placements == ()
 
 
-def test_measuring_anew_forgets_what_was_measured(measured: Path) -> None:
-    assert session_of(measured, anew=True).certificate.placements == ()
-
-
 @pytest.mark.parametrize("at_m", [-1.0, 0.0, 200.0, float("nan"), float("inf")])
 def test_no_tape_measures_nonsense(path: Path, at_m: float) -> None:
     with pytest.raises(ConfigError, match="is no distance for a tape"):

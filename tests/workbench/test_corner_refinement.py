@@ -83,7 +83,3 @@ def test_scatter_is_the_noise_of_corners_and_not_the_perspective() -> None:
     assert scatter_px(grid) < 0.01
     noisy = [scatter_px(grid + rng.normal(0, 0.2, grid.shape)) for _ in range(20)]
     assert float(np.mean(noisy)) == pytest.approx(0.2, rel=0.1)
-
-
-def test_three_corners_along_each_side_have_no_scatter_to_judge_by() -> None:
-    assert scatter_px(np.random.default_rng(0).normal(size=(3, 3, 2))) == 0.0

@@ -113,11 +113,6 @@ def test_what_a_person_sees_tells_how_any_robot_is_wired(
     assert wiring_of(*answers) == wiring
 
 
-def test_both_motors_on_one_wheel_is_a_contradiction() -> None:
-    with pytest.raises(ConfigError, match="both motors turned the right wheel"):
-        wiring_of(Turned(is_right=True, is_backwards=False), Turned(is_right=True, is_backwards=True))
-
-
 def test_a_duty_is_what_the_pins_get_and_they_are_low_after_it(tmp_path: Path, pins: MockFactory) -> None:
     clock = WatchedClock(pins)
     with open_wheels(configured(tmp_path), {}, clock, print) as wheels:

@@ -179,16 +179,6 @@ def test_what_is_no_state_is_counted_and_changes_nothing(heard: Heard, payload: 
     assert heard.status("attic") == "online"
 
 
-def test_lists_in_lists_are_no_state_or_a_key_that_nobody_asked_for(heard: Heard) -> None:
-    deep = b"[" * 7000 + b"]" * 7000  # too deep for some versions of Python, and for others not
-    heard.online("attic")
-    heard.say("attic/target/ball/state", b'{"seq":1,"status":"tracking","x":' + deep + b"}")
-    heard.say("attic/info", deep)
-    assert heard.fleet.devices["attic"].unreadable in {1, 2}
-    heard.state("attic", seq=2)
-    assert heard.status("attic") == "online"
-
-
 def test_no_text_can_command_a_terminal(heard: Heard) -> None:
     evil = "\x1b[2J\u202e\x07\n" + "x" * 500
     heard.say("gar\x1bage/info", {"version": evil, "configuration_sha256": evil, "boot_id": evil})

@@ -16,7 +16,7 @@ from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, DriverOptions, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
-from stadimeter.errors import CalibrationError, DriverUnavailableError
+from stadimeter.errors import CalibrationError
 from stadimeter.workbench import frame_source as module
 from stadimeter.workbench.calibration import live_distance
 from stadimeter.workbench.calibration.live_distance import LiveDistance, fresh_frames
@@ -166,18 +166,3 @@ def test_every_driver_that_can_list_cameras_is_asked(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(module, "load_driver", load)
     assert [camera.choice for camera in list_cameras()] == ["opencv,serial=42", "another,serial=42"]
-
-
-def test_a_driver_that_lacks_a_library_has_no_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
-    def load(group: str, name: str) -> Any:
-        if name == "opencv":
-            raise DriverUnavailableError("no library")
-        return load_driver(group, name)
-
-    monkeypatch.setattr(module, "load_driver", load)
-    assert list_cameras() == ()
-
-
-def test_the_driver_of_video4linux_lists_its_cameras() -> None:
-    listed = load_driver(CAMERAS, "opencv").attached()
-    assert all(camera.choice.startswith("opencv,device=") for camera in listed)

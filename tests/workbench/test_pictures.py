@@ -172,11 +172,6 @@ def test_damaged_data_say_nothing_and_raise_nothing(
     assert isinstance(read_lens_settings(picture), LensSettings)
 
 
-def test_what_is_no_jpeg_says_nothing(tmp_path: Path) -> None:
-    assert read_lens_settings(written(tmp_path, "a.png", b"\x89PNG")) == LensSettings()
-    assert read_lens_settings(tmp_path / "missing.jpg") == LensSettings()
-
-
 @pytest.mark.parametrize(
     ("other", "said"),
     [
@@ -229,13 +224,6 @@ def test_a_png_carries_the_settings_of_its_camera_and_the_same_pixels(
     frame = camera.read()
     assert frame.optics == optics
     assert np.array_equal(frame.image, board)
-
-
-@pytest.mark.parametrize("name", ["shot.jpg", "shot.png"])
-def test_a_picture_without_settings_says_none(board: Image, tmp_path: Path, name: str) -> None:
-    path = tmp_path / name
-    write_picture(path, board, OPTICS if name.endswith(".jpg") else None)
-    assert optics_in(path.read_bytes()) is None
 
 
 @pytest.mark.parametrize("spoilt", [b"sensor", b"crop_px", b"4608", b"{"])
@@ -301,7 +289,3 @@ def test_the_blur_of_an_edge_is_measured() -> None:
         image = np.full((480, 640, 3), 60, np.uint8)
         cv2.rectangle(image, (200, 150), (440, 330), (200, 200, 200), -1)
         assert blur_sigma_px(cv2.GaussianBlur(image, (0, 0), sigma_px)) == pytest.approx(sigma_px, rel=0.2)
-
-
-def test_a_picture_without_edges_is_not_called_blurred() -> None:
-    assert blur_sigma_px(np.full((480, 640, 3), 120, np.uint8)) is None

@@ -24,7 +24,6 @@ from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.similar_triangles import expect
 from stadimeter.workbench.rule_settings import settings_of, with_settings
 from stadimeter.workbench.rule_tests import (
-    OUTLIER_FACTOR,
     Failure,
     RuleTestResult,
     SensorModel,
@@ -182,13 +181,6 @@ def test_a_frozen_camera_gives_no_frames_and_cycles_all_the_same(run: Run) -> No
     assert faults == [("fault", 2), ("fault_cleared", 6)]
 
 
-def test_the_frame_rate_is_the_tests_own_or_that_of_the_camera(run: Run) -> None:
-    assert run(hovering("1 m", "2 s", "near = { raised = 0 }")).cycles == 61
-    assert run(hovering("1 m", "2 s", "near = { raised = 0 }", ', rate = "15 Hz"')).cycles == 31
-    slow = run(hovering("1 m", "2 s", "near = { raised = 0 }", ', rate = "2 Hz"'))
-    assert slow.cycles == 21, "without a frame there is a cycle ten times a second, as in a run"
-
-
 @pytest.mark.parametrize("seconds", ["3.75 s", "3.74 s", "10 ms"])
 def test_a_test_ends_when_it_says_though_no_frame_comes_at_its_end(run: Run, seconds: str) -> None:
     result = run(
@@ -285,12 +277,6 @@ loop = false
     return path
 
 
-def test_a_recording_is_judged_by_the_rules_of_the_configuration(run: Run, recorded: Path) -> None:
-    result = run(f'input = {{ journal = "{recorded.name}" }}\nexpect.near = {{ raised = 1, cleared = 1 }}')
-    assert result.failures == ()
-    assert result.took_s == pytest.approx(8, abs=0.1)
-
-
 def test_a_recording_that_is_no_recording_is_trouble_and_the_other_tests_go_on(load: Load, tmp_path: Path) -> None:
     (tmp_path / "broken.jsonl").write_text("no journal\n", encoding="utf-8")
     tests = (
@@ -321,26 +307,6 @@ def test_a_test_decides_as_a_run_would_to_the_last_bit(load: Load, recorded: Pat
     result = run_rule_test(configuration, configuration.tests[0])
     recorded_events = [event for record in records_of(read_journal(recorded)) for event in record.decision.events]
     assert [event for _, event in result.events] == recorded_events
-
-
-SONAR = """
-[sensors.front]
-driver = "hc-sr04"
-trigger = 23
-echo = 24
-
-[rules.close]
-actuator = "buzzer"
-priority = 300
-target = "front"
-when = { below = "1 m" }
-"""
-
-
-def test_a_rule_about_a_range_sensor_is_tested_without_it(load: Load) -> None:
-    motion = '{ target = "front", approach = { from = "3 m", to = "50 cm", speed = "1 m/s" } }'
-    configuration = load(f"[[tests]]\ninput = {motion}\nexpect.close = {{ raised = 1 }}\n", SONAR + RULES)
-    assert not run_rule_test(configuration, configuration.tests[0]).failures
 
 
 @pytest.mark.long
@@ -434,15 +400,6 @@ def test_the_stated_sigma_holds_what_is_the_same_in_every_frame_too() -> None:
     assert seen.sigma_m == pytest.approx(math.hypot(NOISE_M, 2.0 * 0.02, 2.0 * 0.01))
     without_size_error = SensorModel(size=BallShape(diameter_m=0.2), camera=CAMERA)
     assert without_size_error.sigmas_m(2.0)[0] == pytest.approx(expect(BallShape(diameter_m=0.2), CAMERA, 2.0).sigma_m)
-
-
-def test_dropouts_and_gross_errors_come_as_often_as_asked() -> None:
-    found = measured(standing(), 10_000, dropouts=0.05, outliers=0.02)
-    missing = sum(each.status is MeasurementStatus.NOT_FOUND for each in found)
-    assert missing == pytest.approx(500, abs=80)
-    gross = [each for each in distances(found) if abs(each - 2.0) > 6 * NOISE_M]
-    assert len(gross) == pytest.approx(190, abs=50)
-    assert all(2.0 / OUTLIER_FACTOR <= each <= 2.0 * OUTLIER_FACTOR for each in gross)
 
 
 def test_out_of_sight_there_is_nothing_to_measure_and_the_reason_says_so() -> None:

@@ -22,7 +22,6 @@ from stadimeter.web.routes import PAGE_OPERATIONS
 from stadimeter.workbench import saving
 from stadimeter.workbench.colour_aids import with_range
 from stadimeter.workbench.saving import versions
-from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.editing import saved_text, version_of
 from stadimeter.workbench.server.operations import Desk, DeskReply, find_operation
 from stadimeter.workbench.server.process import REQUEST_MAX_BYTES, serve
@@ -76,12 +75,6 @@ def test_the_demonstration_stays_as_it_is_and_nothing_is_written_beside_it(
         with pytest.raises(ConfigError, match=r"in a folder of yours"):
             find_operation(name)(desk, args)
     assert {path: path.read_bytes() for path in desk.configuration.parent.iterdir()} == before
-
-
-def test_rules_are_said_in_words_beside_their_lines(desk: Desk) -> None:
-    found = ask(desk, "check", text=HERE)
-    assert found["rules"] == [{"rule": "near", "line": HERE.split("\n").index("[rules.near]") + 1}]
-    assert any("nearer than 1.00 m" in words for words in found["words"])
 
 
 def test_a_text_is_checked_with_a_camera_file_that_is_not_saved_and_nothing_is_written(desk: Desk) -> None:
@@ -216,14 +209,6 @@ def test_whatever_a_browser_sends_is_answered_or_refused_in_a_sentence(desk: Des
     if op not in {"editing.configuration", "recordings.recordings"}:
         assert refused > 10
     assert load_configuration(desk.configuration).rules
-
-
-def test_the_tests_of_a_configuration_hold_nobody_up_for_long(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(editing, "TESTS_MAX_S", 0.0)
-    text = HERE + '\n[[tests]]\ninput = { hover = { at = "50 cm", for = "2 s" } }\nexpect.near = { raised = 1 }\n'
-    (told,) = ask(desk, "check", text=text, tests=True)["tests"]
-    assert told["ok"] is None
-    assert "not run" in told["words"]
 
 
 def test_a_save_that_failed_half_way_keeps_what_it_has_replaced(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:

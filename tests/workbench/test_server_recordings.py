@@ -182,16 +182,6 @@ def test_a_frame_of_a_recording_has_what_was_measured_drawn_in_and_its_values(de
     json.dumps(values, allow_nan=False)
 
 
-def test_a_journal_has_no_pictures_and_says_so(desk: Desk, folder: Path) -> None:
-    record(folder / "b.jsonl", 3)
-    with pytest.raises(JournalError, match="has no pictures"):
-        ask(desk, "recordings.recording_frame", name="b.jsonl", at_s=0)
-
-
-def test_no_folder_of_recordings_is_an_empty_list(desk: Desk) -> None:
-    assert ask(desk, "recordings.recordings")["recordings"] == []
-
-
 @pytest.mark.parametrize(
     "name", ["../stadimeter.toml", "../secret.mcap", "/etc/passwd", "", ".", "..", "a.mcap/", "a\0.mcap", "link.mcap"]
 )
@@ -447,16 +437,6 @@ def test_thresholds_have_the_names_by_which_they_are_set(desk_of_timeline: Desk)
     ]
     desk_of_timeline.configuration.write_text("broken")
     assert ask_timeline(desk_of_timeline, "timeline.marks", from_=0, to=60)["thresholds"] == []
-
-
-def test_a_moment_that_no_recording_holds_is_told_by_the_timeline(
-    desk_of_timeline: Desk, timeline_folder: Path
-) -> None:
-    keep(timeline_folder, [2.0, 0.5])
-    found = ask_timeline(desk_of_timeline, "timeline.moment", at=BEGAN_S + 1.4)
-    assert found["by"] == "timeline"
-    assert found["targets"][0]["distance_m"] == 0.5
-    assert found["rules"] == [{"rule": "near", "status": "active", "reason": ""}]
 
 
 class Observed(Rehearsal):

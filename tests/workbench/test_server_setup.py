@@ -16,12 +16,11 @@ import numpy as np
 import pytest
 
 from stadimeter.app.control.client import find
-from stadimeter.config.loader import DEMONSTRATION, load_configuration
+from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError, ControlError, DeviceOpenError, StadimeterError
 from stadimeter.web.routes import PAGE_OPERATIONS
 from stadimeter.workbench.server.operations import Desk, DeskReply, find_operation
-from stadimeter.workbench.server.process import error_fields
 from support.browser import ROOM
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -103,12 +102,6 @@ def calibrated(setup: Setup, answered: Path) -> Setup:
     shutil.copytree(answered, setup.desk.configuration.parent, dirs_exist_ok=True)
     setup("begin")
     return setup
-
-
-def test_every_operation_of_the_table_is_there() -> None:
-    for each in PAGE_OPERATIONS:
-        if each.to == "workbench":
-            assert callable(find_operation(each.op))
 
 
 @pytest.mark.long
@@ -254,10 +247,3 @@ def _listening(configuration: Path, run: subprocess.Popen[bytes]) -> Path:
         except ControlError:
             time.sleep(0.05)
     raise AssertionError("the run did not begin to listen")
-
-
-def test_the_demonstration_is_refused_with_a_code_that_a_page_knows() -> None:
-    desk = Desk(configuration=DEMONSTRATION, run_socket=Path("/nonexistent.sock"))
-    with pytest.raises(ConfigError) as refused:
-        find_operation("setup_operations.begin")(desk, {})
-    assert error_fields(refused.value)["code"] == "demonstration"

@@ -95,21 +95,6 @@ def journals(desk: Desk) -> set[Path]:
 
 
 @pytest.mark.long
-def test_one_drag_over_two_recordings_saves_one_test_that_passes_at_once(desk: Desk) -> None:
-    evening = desk.configuration.parent / "recordings" / "evening.mcap"
-    again = evening.with_name("again.mcap")
-    again.write_bytes(evening.read_bytes())
-    try:
-        version = ask(desk, "tune", changes={"below": 0.8})["version"]
-        saved = ask(desk, "save", changes={"below": 0.8}, base_version=version)
-    finally:
-        again.unlink()
-    assert len(saved["tests"]) == 1
-    after = load_configuration(desk.configuration)
-    assert [run_rule_test(after, each).passed for each in after.tests] == [True]
-
-
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("at_s", "changes"), [(239.9, {"below": 0.8}), (0.0, {"off_delay": 3.0}), (151.0, {"below": 0.8})]
 )
@@ -159,16 +144,6 @@ def test_a_change_after_which_a_test_would_fail_that_passes_is_refused(desk: Des
         ask(desk, "save", changes={"below": 0.8}, base_version=version)
     assert desk.configuration.read_text() == text
     assert journals(desk) == before
-
-
-@pytest.mark.long
-def test_marks_that_contradict_each_other_are_refused_by_name(desk: Desk) -> None:
-    with pytest.raises(ConfigError) as refused:
-        ask(desk, "tune", marks=["evening.mcap@92s no", "evening.mcap@31.5s fire"])
-    words = str(refused.value)
-    assert "contradict each other" in words
-    assert "evening.mcap@31.5s fire" in words
-    assert "the distance reached 0.4" in words or "the distance reached 0.5" in words
 
 
 @pytest.mark.long
