@@ -6,8 +6,6 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model, save_camera_model
@@ -75,42 +73,6 @@ def test_a_file_that_does_not_say_how_well_its_edge_bias_is_known_is_not_sure_of
     file.write_text(f"{WRITTEN}{stated}\n")
     assert load_camera_model(file).edge_bias_sigma_px == sigma_px
     assert camera_model_from_table(tomllib.loads(WRITTEN)).edge_bias_sigma_px == 0.0
-
-
-@pytest.mark.long
-@given(
-    focal=st.floats(13, 6e6),
-    off=st.floats(-0.499, 0.499),
-    sigma=st.floats(0, 0.99),
-    texts=st.lists(st.text(st.characters(exclude_categories=("Cs",)))),
-)
-def test_any_model_survives(
-    tmp_path_factory: pytest.TempPathFactory, focal: float, off: float, sigma: float, texts: list[str]
-) -> None:
-    file = tmp_path_factory.mktemp("camera") / "camera.toml"
-    provenance = Provenance(method=texts[0] if texts else "", date="2026-01-31", notes=tuple(texts))
-    model = CameraModel(
-        width_px=640,
-        height_px=480,
-        fx_px=focal,
-        fy_px=focal,
-        cx_px=319.5 + 640 * off,
-        cy_px=239.5 - 480 * off,
-        focal_relative_sigma=sigma,
-        provenance=provenance,
-    )
-    save_camera_model(file, model)
-    assert load_camera_model(file) == model
-
-
-def test_a_person_can_read_it(file: Path) -> None:
-    save_camera_model(file, MODEL)
-    text = file.read_text(encoding="utf-8")
-    assert "# The pictures that it is for" in text
-    assert "\nwidth_px = 600\nheight_px = 800\n" in text
-    assert 'date = "2026-01-31"' in text
-    assert "1.2 %" in text
-    assert tomllib.loads(text)["notes"][0] == "2ft.png: P = 238.16 px"
 
 
 def test_a_short_file_has_square_pixels_and_the_axis_in_the_middle(file: Path) -> None:

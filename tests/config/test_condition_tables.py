@@ -9,10 +9,8 @@ from datetime import time
 
 import pytest
 
-from stadimeter.config.describe import describe
-from stadimeter.config.loader import Configuration
 from stadimeter.config.rules.conditions import WhenTable, kinds_in
-from stadimeter.config.units import parse_angle_or_zero, parse_duration, parse_time_of_day, parse_velocity
+from stadimeter.config.units import parse_time_of_day
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, leaves
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.distance import DistanceCondition
@@ -28,7 +26,6 @@ from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
 from stadimeter.core.decision import Severity
 from support.conditions import closing, direction, separation, still
 
-Load = Callable[[str], Configuration]
 Told = Callable[[str], list[str]]
 
 
@@ -188,33 +185,6 @@ def test_what_suppresses_a_rule_is_checked_like_what_raises_it(told: Told, sound
     assert words.replace("it.when", "it.suppress_when") in told(sound + rule)
 
 
-SENTENCES = [
-    ('{ all = [ { below = "1 m" }, { time = { between = ["22:00", "06:00"] } } ] }',
-     "when `ball` is nearer than 1.00 m (3.3 ft) with a probability of {sure} and it is between 22:00 and 06:00"),
-    ('{ any = [ { not = { seen = true } }, { rule = "other" } ] }',
-     "when not (`ball` is in sight) or `other` is active"),
-    ('{ lost = "90 s" }', "when `ball` is out of sight for 90 s"),
-    ('{ seen = "8 h" }', "when `ball` is in sight for 8 h"),
-    ('{ bearing = { above = "20 deg" } }',
-     "when the bearing of `ball` is above 20.0° in 3 of 5 frames; clears when its bearing is below 18.9°"),
-    ('{ closing_speed = { above = "0.5 m/s", probability = "none" } }',
-     ("when the closing speed of `ball` is above 0.50 m/s in 3 of 5 frames; clears when its closing speed is "
-      "below 0.50 m/s by 2 standard deviations of the noise")),
-    ('{ time_to_contact = { below = "2 s", contact = "10 cm", probability = 0.9 } }',
-     ("when `ball` will be 0.10 m (0.3 ft) away within 2 s (if faster than 0.1 m/s) with a probability of "
-      "90%; clears when contact is later than 2 s by 0.5 s or 2 standard deviations of the noise, whichever is more,")),
-    ("{ count = { at_least = 1, at_most = 2 } }", "when 1 to 2 targets are in sight"),
-]  # fmt: skip
-
-
-def test_a_check_says_in_words_when_it_begins_and_ends(load: Load, sound: str, subtests: pytest.Subtests) -> None:
-    for when, sentence in SENTENCES:
-        with subtests.test(when=when, sentence=sentence):
-            rule = f'[rules.it]\nactuator = "buzzer"\nwhen = {when}\n[rules.other]\nwhen = {{ seen = true }}\n'
-            told = describe(load(sound + rule))[1]
-            assert sentence.format(sure=f"{DistanceCondition().probability_on:.0%}") in told
-
-
 TIMES = [("22:30", 81000.0), ("6:05", 21900.0), ("24:00", 86400.0), ("00:00:30", 30.0), (time(22, 30), 81000.0)]
 
 
@@ -231,11 +201,3 @@ def test_what_no_clock_shows_is_refused(subtests: pytest.Subtests) -> None:
     for written in NO_TIMES:
         with subtests.test(written=written), pytest.raises(ValueError, match="write it such as '22:30'"):
             parse_time_of_day(written)
-
-
-def test_durations_may_be_long_and_speeds_backwards() -> None:
-    assert parse_duration("8 h") == 28800.0
-    assert parse_duration("5 min") == 300.0
-    assert parse_velocity("-2 m/s") == -2.0
-    with pytest.raises(ValueError, match="below zero"):
-        parse_angle_or_zero("-2 deg")

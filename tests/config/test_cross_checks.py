@@ -103,12 +103,6 @@ def test_a_port_and_a_pin_belong_to_one_driver_each(told: Told, sound: str, monk
     assert pin.startswith("actuators.winch.brake: pin 18 is used twice: by actuators.motor.pin and by ")
 
 
-def test_a_pin_may_also_be_wanted_by_none(load: Load, sound: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    install_winch(monkeypatch)
-    extra = '[actuators.{}]\ndriver = "test-winch"\nline = {{ port = "/dev/ttyUSB{}" }}\n'
-    assert len(load(sound + extra.format("a", 1) + extra.format("b", 2)).actuators) == 4
-
-
 def test_rules_need_a_camera_model(told: Told, load: Load, sound: str) -> None:
     head, _, rest = sound.partition("[camera.model]")
     without = head + rest[rest.index("[targets.ball]") :]
@@ -140,10 +134,6 @@ USED = '[rules.a]\nactuator = "motor"\nramp = { from = "1 m", to = "2 m" }\n[rul
 QUIET = f'{USED}follow = {{ distance = "1 m" }}\n[rules.b]\nactuator = "buzzer"\nwhen = {{ below = "50 cm" }}\n'
 
 
-def test_a_sensible_configuration_gets_no_warning(load: Load, sound: str) -> None:
-    assert load(sound + QUIET).warnings == ()
-
-
 LAMP = '[actuators.lamp]\ndriver = "led"\npin = 5\n'
 LEASED = f'{LAMP}lease = "100 ms"\n[rules.d]\nactuator = "lamp"\nwhen = {{ seen = true }}\n'
 HARDLY_MEANT = [
@@ -159,12 +149,6 @@ def test_what_is_hardly_meant_gets_a_warning(load: Load, sound: str, subtests: p
         with subtests.test(text=text):
             (line,) = warnings(load(sound + text))
             assert line.startswith(words)
-
-
-def test_an_alert_is_heard_through_a_messenger(load: Load, sound: str) -> None:
-    assert (
-        load(f'{sound}{QUIET}[rules.d]\nwhen = {{ lost = true }}\n[messenger]\ndriver = "simulated"\n').warnings == ()
-    )
 
 
 class Line(OptionsTable):

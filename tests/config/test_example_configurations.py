@@ -8,7 +8,7 @@ import pytest
 
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
+from stadimeter.core.rule import AlarmRule, RampRule
 
 FOLDER = Path(__file__).parents[2] / "config"
 FILES = sorted(FOLDER.glob("*.toml"))
@@ -37,28 +37,3 @@ def test_the_two_uses_that_people_ask_for_most_are_three_lines_each() -> None:
     assert (far.output, far.start, far.full) == ("motor", pytest.approx(3.048), pytest.approx(6.096))
     assert isinstance(near, AlarmRule)
     assert near.output == "buzzer"
-
-
-def test_the_robot_keeps_a_metre_away() -> None:
-    follow, stop = load_configuration(FOLDER / "follow-ball.toml").plan.rules
-    assert isinstance(follow, FollowRule)
-    assert follow.distance_m == 1.0
-    assert isinstance(stop, AlarmRule)
-    assert stop.output == "base"
-    assert stop.priority > follow.priority
-
-
-def test_the_appliance_speaks_mqtt() -> None:
-    messenger = load_configuration(FOLDER / "appliance.toml").messenger
-    assert messenger is not None
-    assert messenger.driver == "mqtt"
-
-
-def test_the_demonstration_needs_no_hardware() -> None:
-    loaded = load_configuration(FOLDER / "demo.toml")
-    assert loaded.world is not None
-    assert loaded.camera.driver == "simulated"
-    assert {each.driver for each in loaded.actuators} == {"simulated"}
-    assert loaded.base is not None
-    assert getattr(loaded.base.options, "port", "") == "emulated-ros-arduino-bridge"
-    assert {type(rule) for rule in loaded.plan.rules} == {AlarmRule, RampRule, FollowRule}

@@ -2,7 +2,6 @@
 
 import pytest
 
-from stadimeter.config.describe import describe
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.sight import PresenceCondition
@@ -88,24 +87,3 @@ def test_a_button_can_only_keep_quiet_what_is_no_alarm(load, tmp_path):
     path.write_text((SIMULATED_BALL + OUTPUTS).replace('press = "shelve"', 'press = "reset"\nhold = "shelve"'))
     with pytest.raises(ConfigError, match="there is no alarm 'beep'"):
         load_configuration(path)
-
-
-def test_a_description_says_when_a_rule_acts(load):
-    told = " ".join(
-        describe(
-            load(
-                'when = { target = "tag", lost = true }\nsuppress_when = { above = "1 m" }\n'
-                '[rules.near]\ntarget = "ball"\nwhen = { below = "1 m" }\n'
-                'escalation = [{ topic = "a", text = "x", when = { target = "tag", seen = true } }]\n'
-            )
-        )
-    )
-    assert "Acts only while `tag` is out of sight. Keeps quiet while `ball` is further than 1.00 m" in told
-    assert "When raised sends `a` if `tag` is in sight." in told
-
-
-def test_a_gate_that_names_a_rule_of_several_targets_means_any_of_them(load):
-    beep = load(
-        'when = { rule = "near" }\n[rules.near]\ntargets = ["ball", "tag"]\nwhen = { below = "1 m" }\n'
-    ).plan.rules[0]
-    assert [part.rule for part in beep.gate.condition.conditions] == ["near:ball", "near:tag"]

@@ -21,46 +21,6 @@ def line_of(text: str, fragment: str) -> int:
     return text[: text.index(fragment)].count("\n") + 1
 
 
-TWO_RULES = """
-[rules.far]
-actuator = "motor"
-ramp = { from = "10 ft", to = "20 ft" }
-[rules.near]
-actuator = "buzzer"
-when = { below = "50 cm" }
-"""
-
-
-def test_a_configuration_becomes_drivers_and_a_plan(load: Load, sound: str) -> None:
-    loaded = load(sound + TWO_RULES)
-    assert loaded.camera.driver == "opencv"
-    assert loaded.camera.name == "camera"
-    assert loaded.camera_model is not None
-    assert loaded.camera_model.fx_px == 600.0
-    assert [(each.name, each.driver) for each in loaded.targets] == [("ball", "ball")]
-    assert [(each.name, each.driver) for each in loaded.actuators] == [
-        ("motor", "vibration-motor"),
-        ("buzzer", "buzzer"),
-    ]
-    assert loaded.base is not None
-    assert loaded.base.name == "base"
-    assert loaded.messenger is None
-    assert loaded.world is None
-    assert loaded.plan.targets == ("ball",)
-    assert loaded.plan.outputs == (
-        LevelOutput(name="motor"),
-        LevelOutput(name="buzzer"),
-        BaseOutput(name="base", track_width_m=0.2),
-    )
-    assert [(rule.name, rule.target, rule.output) for rule in loaded.plan.rules] == [
-        ("far", "ball", "motor"),
-        ("near", "ball", "buzzer"),
-    ]
-    assert loaded.leases_s == {"motor": 0.3, "buzzer": 0.3, "base": 0.3}
-    assert loaded.stays_off == set()
-    assert loaded.text.startswith("[camera]")
-
-
 def test_common_keys_are_not_handed_to_the_driver(load: Load, sound: str) -> None:
     text = sound.replace("pin = 18", 'pin = 18\nlease = "0.5 s"\nsafe = 0.25\nrise_per_s = 4')
     base = 'port = "/dev/ttyUSB0"\nmax_speed = "0.2 m/s"\nlease = "400 ms"\nafter_fault = "stay_off"'
@@ -167,21 +127,6 @@ def test_bad_input_gets_one_clear_line(problems_of: Problems, sound: str, subtes
             found = [str(problem).split("test.toml:")[1] for problem in problems_of(sound.replace(old, new, 1))]
             assert found[0].startswith(words)
             assert len(found) == 1 or new == "[targets]"
-
-
-@pytest.mark.parametrize(
-    ("text", "line", "fragment"),
-    [
-        ("[camera]\nrate = 30 Hz\n", 2, "Expected newline or end of document after a statement"),
-        ("[camera]\na = ten\n", 2, "Invalid value"),
-        ("[camera]\n\na = 1\na = 2\n", 4, "Cannot overwrite a value"),
-        ('[camera]\nx = "never closed\n', 2, "Illegal character"),
-    ],
-)
-def test_a_syntax_error_names_its_line(problems_of: Problems, text: str, line: int, fragment: str) -> None:
-    (problem,) = problems_of(text)
-    assert problem.line == line
-    assert problem.message.startswith(f"this is not valid TOML: {fragment}")
 
 
 def test_what_is_no_text_file_is_no_configuration(tmp_path: Path) -> None:

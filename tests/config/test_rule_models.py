@@ -6,7 +6,6 @@ import math
 import tomllib
 
 import pytest
-from msgspec.structs import replace
 
 from stadimeter.config import models
 from stadimeter.config.rules.tables import RuleTable
@@ -28,14 +27,6 @@ def alarm(text: str) -> core.AlarmRule:
     found = rule(text)
     assert isinstance(found, core.AlarmRule)
     return found
-
-
-def test_the_two_uses_that_people_ask_for_most_are_two_lines_each() -> None:
-    assert rule('actuator = "motor"\nramp = { from = "10 ft", to = "20 ft" }') == core.RampRule(
-        name="it", target="ball", output="motor", start=pytest.approx(3.048), full=pytest.approx(6.096)
-    )
-    near = core.AlarmRule(name="it", target="ball", output="buzzer", condition=DistanceCondition(below=0.5))
-    assert rule('actuator = "buzzer"\nwhen = { below = "50 cm" }') == replace(near, on_delay=core.OnDelay())
 
 
 @each_case(

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.conditions.compounds import AnyOf, Not
 from stadimeter.core.conditions.of_rules import RuleCondition
@@ -209,13 +208,6 @@ def test_a_wrong_step_does_not_hide_what_is_wrong_elsewhere_in_the_rule(tmp_path
     assert {"rules.near.group", "rules.near.escalation.0.text", "rules.far.target"} <= set(keys)
 
 
-def test_several_targets_make_one_alarm_for_each(tmp_path: Path) -> None:
-    table = '[rules.near]\ntargets = ["ball", "cup"]\nactuator = "buzzer"\nwhen = { below = "1 m" }\n'
-    rules = load(tmp_path, table).plan.rules
-    assert [(rule.name, rule.target) for rule in rules] == [("near:ball", "ball"), ("near:cup", "cup")]
-    assert [rule.condition.target for rule in rules if isinstance(rule, AlarmRule)] == ["ball", "cup"]
-
-
 def test_a_condition_on_a_family_of_alarms_is_one_on_any_of_them(tmp_path: Path) -> None:
     rules = load(
         tmp_path,
@@ -266,53 +258,6 @@ def test_what_is_wrong_with_a_ramp_is_said(tmp_path: Path, subtests: pytest.Subt
             (found,) = raised.value.problems
             assert words in found.message
             assert found.line == PARTS.count("\n") + 4
-
-
-def test_what_an_alarm_does_besides_is_described(tmp_path: Path) -> None:
-    table = """
-[rules.near]
-target = "ball"
-actuator = "buzzer"
-when = { below = "1 m" }
-pattern = { on = "0.2 s", off = "0.3 s", times = 3 }
-latch = true
-ack = "required"
-realarm = "5 min"
-group = "door"
-suppress_when = { rule = "quiet" }
-[[rules.near.escalation]]
-after = "1.5 min"
-only_unacknowledged = true
-notify = "phone"
-[[rules.near.escalation]]
-topic = "door/alert"
-text = "x"
-[[rules.near.escalation]]
-on = "cleared"
-actuator = "motor"
-level = 0.5
-for = "2 s"
-[[rules.near.escalation]]
-actuator = "base"
-[rules.quiet]
-target = "cup"
-when = { seen = true }
-observe = true
-"""
-    sentences = describe(load(tmp_path, table))
-    assert "Tells people through `phone` (simulated)." in sentences
-    assert "`near` drives `buzzer` in turns of 100% for 0.2 s and 0% for 0.3 s, 3 times when" in sentences[-2]
-    assert sentences[-2].endswith(
-        "When raised, 90 s later notifies `phone` unless it has been acknowledged. "
-        "When raised sends `door/alert`. "
-        "When it clears drives `motor` at 50% for 2 s. "
-        "When raised stops `base`. "
-        "Latches: stands until `stadimeter alarm reset near`, after an acknowledgement. "
-        "Must be acknowledged. "
-        "Is reported again every 5 min while it stands. "
-        "Keeps quiet while `quiet` is active."
-    )
-    assert sentences[-1].endswith("Is only observed: it drives nothing and sends nothing.")
 
 
 def test_a_rule_whose_condition_says_what_it_is_about_need_not_name_a_target(tmp_path: Path) -> None:

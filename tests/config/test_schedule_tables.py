@@ -120,8 +120,3 @@ def test_days_on_which_a_schedule_by_the_sun_is_empty_are_named(load, between, w
         each for each in load(near(f"{{ between = [{between}] }}"), STOCKHOLM).warnings if each.code == "empty-days"
     ]
     assert re.match(words, warning.message)
-
-
-def test_a_night_that_comes_every_day_is_not_warned_of(load):
-    loaded = load(near("{ between = ['sunset', 'sunrise'] }"), STOCKHOLM)
-    assert [each for each in loaded.warnings if each.code == "empty-days"] == []

@@ -41,15 +41,6 @@ def test_a_url_is_taken_out_of_what_is_recorded_and_warned_of(tmp_path: Path, no
     assert configuration.notifiers[0].options.url.get_secret_value() == SECRET
 
 
-def test_a_recorded_configuration_can_be_loaded_again_without_a_warning(tmp_path: Path) -> None:
-    recorded = load(tmp_path, f'[notifiers.phone]\ndriver = "apprise"\nurl = "{SECRET}"').text
-    path = tmp_path / "recorded.toml"
-    path.write_text(recorded)
-    again = load_configuration(path)
-    assert again.text == recorded
-    assert "secret" not in {warning.code for warning in again.warnings}
-
-
 def test_a_configuration_without_secrets_is_recorded_as_it_is(tmp_path: Path) -> None:
     (tmp_path / "phone.txt").write_text(SECRET)
     configuration = load(tmp_path, '[notifiers.phone]\ndriver = "apprise"\nurl_file = "phone.txt"')

@@ -47,12 +47,6 @@ def test_each_member_is_a_target_and_so_are_the_nearest_and_the_farthest(tmp_pat
     assert plan.measured_targets == ("cup", *MEMBERS)
 
 
-def test_a_rule_of_the_group_is_an_alarm_for_each_member(tmp_path: Path) -> None:
-    rule = '[rules.near]\nactuator = "buzzer"\ntargets = ["balls", "cup"]\nwhen = { below = "1 m" }\n'
-    names = [each.name for each in load(tmp_path, rule).plan.rules]
-    assert names == [*(f"near:{member}" for member in MEMBERS), "near:cup"]
-
-
 def test_a_count_of_the_group_counts_its_members(tmp_path: Path) -> None:
     rule = '[rules.many]\nactuator = "buzzer"\nwhen = { count = { of = ["balls"], at_least = 3 } }\n'
     (many,) = load(tmp_path, rule).plan.rules

@@ -9,7 +9,7 @@ import pytest
 
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.loader import load_camera_choice, load_configuration
-from stadimeter.config.toml_source import MAX_DEPTH, MAX_WORD_LENGTH, parse_toml, why_out_of_bounds
+from stadimeter.config.toml_source import MAX_DEPTH, MAX_WORD_LENGTH, parse_toml
 from stadimeter.errors import ConfigError
 
 SIZE = 200_000
@@ -60,14 +60,6 @@ def test_what_only_looks_deep_is_read(subtests: pytest.Subtests) -> None:
     for text in SHALLOW:
         with subtests.test(text=text):
             assert parse_toml(f"a = {text}\n", "").table == tomllib.loads(f"a = {text}\n")
-
-
-def test_the_line_is_that_of_the_first_bracket_too_many() -> None:
-    brackets = "\n".join("[" * MAX_DEPTH + "]" * MAX_DEPTH)
-    assert why_out_of_bounds(f"a =\n{brackets}") is None
-    found = why_out_of_bounds(f"a =\n[\n{brackets}\n]")
-    assert found is not None
-    assert found[1] == MAX_DEPTH + 2
 
 
 @pytest.mark.parametrize("number", ["9", "0xf", "0o7", "0b1", "1_0", "0.1"])
