@@ -119,22 +119,6 @@ def test_who_stopped_the_outputs_is_read_again_until_they_are_released(path):
     store.close()
 
 
-def test_of_what_was_not_delivered_only_what_came_and_what_went_is_written(path, store):
-    for first, last in ((0, 0), (0, 300), (1, 301), (250, 400), (399, 400), (400, 400), (400, 402)):
-        statements = []
-        store._database.set_trace_callback(statements.append)
-        left = tuple(alert(number) for number in range(first, last) if number != 260) + LEFT[3:]
-        store.write(remembered(NEAR, undelivered=left))
-        store._database.set_trace_callback(None)
-        if (first, last) == (1, 301):
-            assert len([each for each in statements if "undelivered" in each]) == 2
-    store.close()
-    memory, warning = read(path)
-    assert warning == ""
-    assert set(memory.undelivered) == {alert(400), alert(401), LEFT[3]}
-    assert [each for each in memory.undelivered if not each[0]] == [alert(400), alert(401)]
-
-
 @pytest.mark.long
 @given(
     steps=st.lists(
@@ -325,13 +309,6 @@ def test_a_file_of_something_else_is_put_aside_unharmed(path, content):
     assert path.with_name("run.sqlite3.damaged-1").read_bytes() == content
 
 
-def test_the_database_of_another_program_is_put_aside_unharmed(path):
-    path.parent.mkdir()
-    database_of_somebody(path)
-    _, warning = read(path)
-    assert "it is no state file" in warning
-
-
 def test_a_file_of_a_later_version_is_put_aside_and_named_so(path):
     written(path, NEAR)
     with sqlite3.connect(path) as database:
@@ -421,13 +398,6 @@ def test_what_can_be_no_state_file_is_refused_without_waiting_for_it(path, make,
 def test_a_name_that_is_too_long_is_told_plainly(tmp_path, name):
     with pytest.raises(StateError, match=r"cannot be (used|written)"):
         AlarmStore(tmp_path / name).open()
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may do anything")
-def test_a_file_that_may_not_be_read_is_told_plainly(path):
-    written(path, NEAR).chmod(0)
-    with pytest.raises(StateError, match="cannot be used: Permission denied"):
-        AlarmStore(path, is_named=True).open()
 
 
 def test_a_file_is_known_as_ours_from_its_first_write_on(path, store):

@@ -91,11 +91,6 @@ def test_a_pose_is_told_when_it_has_moved_and_every_five_seconds():
     assert [at_s for at_s, _ in told([*still, *gone])] == pytest.approx([0.0, 5.0, 6.0, 11.0])
 
 
-def test_a_pose_that_goes_on_moving_is_told_five_times_a_second_at_most():
-    moving = [replace(POSE, position_m=(0.02 * number, -2.0, 0.5)) for number in range(20)]
-    assert [at_s for at_s, _ in told(moving, 1 / 16)] == [0.0, 0.25, 0.5, 0.75, 1.0]
-
-
 def test_the_documentation_shows_the_real_form():
     page = (Path(__file__).parents[2] / "docs" / "mqtt.md").read_text(encoding="utf-8")
     (shown,) = (

@@ -378,16 +378,6 @@ def test_every_frame_of_a_recording_is_delivered_in_the_caller_s_thread(recordin
         capture.latest(0.0)
 
 
-def test_the_way_to_get_frames_follows_from_the_camera(recording, clock):
-    assert isinstance(capture_for(ScriptedCamera(clock), clock), LiveCapture)
-    assert not isinstance(capture_for(recording, clock), LiveCapture)
-
-
-def test_what_the_device_did_not_take_can_be_told(clock, waits):
-    with opened(ScriptedCamera(clock, 1, 2), waits) as capture:
-        assert capture.remarks() == ("it would not switch its autofocus off",)
-
-
 def test_why_nothing_may_move_on_a_camera_s_frames_is_known(recording, clock):
     assert capture_for(ScriptedCamera(clock), clock).not_for_motion() == "its pictures are of unknown age"
     assert capture_for(recording, clock).not_for_motion() == ""

@@ -44,18 +44,6 @@ def test_a_cancelled_callback_is_not_called_again():
     assert len(calls) == 1
 
 
-def test_a_callback_may_cancel_itself():
-    clock, calls = ManualClock(), []
-
-    def once(now_s):
-        calls.append(now_s)
-        cancel()
-
-    cancel = clock.call_every(0.1, once)
-    clock.advance_s(1.0)
-    assert len(calls) == 1
-
-
 @pytest.mark.long
 @given(st.lists(st.floats(0, 2), max_size=20))
 def test_how_the_time_is_cut_into_steps_makes_no_difference(steps):
@@ -83,19 +71,6 @@ def test_the_real_clock_calls_from_its_own_thread_until_cancelled():
     assert threads[0][0] is not threading.current_thread()
     assert threads[0][1] >= began_s
     assert not threads[0][0].is_alive()
-
-
-def test_the_real_clock_sleeps_until_the_time_has_come():
-    clock = MonotonicClock()
-    until_s = clock.now_s() + 0.01
-    clock.sleep_until_s(until_s)
-    assert clock.now_s() >= until_s
-
-
-def test_a_paced_clock_shows_the_time_that_was_asked_for():
-    clock = SteppedClock(speed=1000.0)
-    clock.sleep_until_s(2.0)
-    assert clock.now_s() == pytest.approx(2.0)
 
 
 def test_a_paced_clock_that_was_held_up_goes_on_from_there_instead_of_catching_up(monkeypatch):

@@ -177,11 +177,6 @@ def test_what_is_too_long_ago_or_still_to_come_is_not_explained(desk):
     assert "still to come" in desk.said(f'{{"op": "explain", "args": {{"at_unix_s": {desk.unix_s + 90}}}}}').error
 
 
-def test_a_rule_that_is_not_there_is_not_explained(desk):
-    desk.cycle()
-    assert "there is no rule 'naer'; did you mean '" in desk.said('{"op": "explain", "args": {"rule": "naer"}}').error
-
-
 def test_a_signal_asks_for_the_configuration_to_be_read_before_the_next_cycle(desk):
     said = []
     desk.control.reload(said.append)

@@ -112,10 +112,6 @@ def test_several_requests_on_one_connection_are_answered_one_after_the_other(con
         assert client.answer() == {"transaction": number, "status": "ok", "data": number}
 
 
-def test_who_it_is_is_told_without_the_loop(client):
-    assert client.ask({"op": "hello"}) == {"transaction": None, "status": "ok", "data": HELLO}
-
-
 def test_whoever_has_said_all_still_gets_the_answer(control, client):
     client.send({"transaction": 1, "op": "status"})
     client.socket.shutdown(socket.SHUT_WR)
@@ -152,10 +148,6 @@ def test_what_is_no_request_is_answered_and_the_connection_goes_on(control, clie
     assert expected in answer["error"]
     assert client.ask({"op": "hello"})["status"] == "ok"
     assert control.take() == []
-
-
-def test_the_transaction_of_a_wrong_request_comes_back_too(client):
-    assert client.ask({"transaction": "a", "op": "fly"})["transaction"] == "a"
 
 
 def test_a_line_of_a_megabyte_ends_its_connection_and_no_other(control, client, connect):

@@ -162,11 +162,6 @@ def test_a_driver_that_fails_while_it_is_made_safe_is_out_of_order(output, drive
     assert output.fault == "unplugged"
 
 
-def test_an_error_without_words_is_named_by_its_class(output, driver):
-    fail(driver, output, error=LinkLostError())
-    assert output.fault == "LinkLostError"
-
-
 def test_a_driver_that_opens_but_refuses_its_safe_value_is_not_in_order(output, driver, clock):
     Guard([output], clock).start()
     fail(driver, output)

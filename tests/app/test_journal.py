@@ -13,7 +13,6 @@ from msgspec.structs import replace
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration, read_journal
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
@@ -82,13 +81,6 @@ def test_rules_that_did_not_change_are_not_written_again_and_read_all_the_same(t
     assert read == [decision.rules for _, decision in recorder.decisions]
 
 
-def test_the_same_rules_over_a_recording_decide_the_same(tmp_path):
-    recorded(tmp_path / "run.jsonl", 5, 4, 3, 2, 1, 0.8, 0.7, None, None, None, None, 0.8)
-    result = replay(read_journal(tmp_path / "run.jsonl"), PLAN)
-    assert (result.cycles, result.identical) == (17, 17)
-    assert result.events == result.recorded_events
-
-
 @pytest.mark.long
 @given(sights=st.lists(st.none() | st.floats(allow_nan=True, allow_infinity=True) | st.floats(0.1, 8), min_size=1))
 def test_even_broken_figures_replay_to_the_same_decisions(tmp_path_factory, sights):
@@ -96,17 +88,6 @@ def test_even_broken_figures_replay_to_the_same_decisions(tmp_path_factory, sigh
     recorded(path, *sights)
     result = replay(read_journal(path), PLAN)
     assert result.identical == result.cycles
-
-
-def test_other_rules_over_a_recording_show_where_they_differ(tmp_path):
-    recorded(tmp_path / "run.jsonl", *[5] * 5, *[1.5] * 5)
-    nearer = AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below=2.0))
-    other = Plan(targets=("ball",), rules=(nearer, *PLAN.rules[1:]), outputs=PLAN.outputs)
-    result = replay(read_journal(tmp_path / "run.jsonl"), other)
-    assert 0 < result.identical < result.cycles
-    assert "rules" in result.differences[0].what
-    assert [event.source for event in result.events if event.kind == "raised"] == ["near"]
-    assert [event.source for event in result.recorded_events if event.kind == "raised"] == []
 
 
 @pytest.mark.parametrize("left", [b'{"stadi', b'{"stadimeter_journal":1,"ver', b"\0" * 500])
@@ -270,16 +251,6 @@ def test_a_file_that_is_no_journal_is_not_overwritten(tmp_path):
     with pytest.raises(JournalError, match="holds something else than a journal; choose another file"):
         JournalWriter(path, RecordedConfiguration(text=""))
     assert path.read_text() == "[camera]\n"
-
-
-def test_what_was_rejected_is_in_no_journal(tmp_path):
-    looked_at = RejectedCandidate(centre_px=(1.0, 2.0), size_px=3.0, reason="support 0.31, limit 0.60")
-    writer = JournalWriter(tmp_path / "run.jsonl", RecordedConfiguration(text=""))
-    writer.write(replace(a_record(), rejected={"ball": (looked_at,)}))
-    writer.close()
-    assert "support" not in (tmp_path / "run.jsonl").read_text()
-    (record,) = records_of(read_journal(tmp_path / "run.jsonl"))
-    assert record.rejected == {}
 
 
 def test_a_tilt_is_recorded_and_a_journal_from_before_tilts_were_measured_is_read(tmp_path):

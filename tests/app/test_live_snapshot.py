@@ -12,9 +12,9 @@ from msgspec.structs import replace
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.app.live.health import Board, BoardState, LiveHealth
-from stadimeter.app.live.history import WINDOW_S, DistanceSample, RunHistory, Seen
+from stadimeter.app.live.history import WINDOW_S, RunHistory, Seen
 from stadimeter.app.live.pictures import SHOWN_MAX_PX, Pictures, drawn
-from stadimeter.app.live.snapshot import LiveFeed, outline_of, samples_data, shared_data
+from stadimeter.app.live.snapshot import LiveFeed, outline_of, shared_data
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.watching import live_feed
 from stadimeter.config.loader import load_configuration
@@ -143,16 +143,6 @@ def test_the_outline_of_a_sheet_is_its_corners_in_order_and_that_of_a_ball_goes_
     assert (np.diff(np.arctan2(around[:, 1] - 50, around[:, 0] - 50)) > 0).all()
 
 
-def test_distances_are_a_list_of_time_distance_and_deviation_with_null_for_a_gap():
-    samples = [
-        DistanceSample(at_s=number / 10, distance_m=None if number == 3 else 2.0, sigma_m=0.01) for number in range(250)
-    ]
-    told = samples_data({"ball": samples, "none": ()})
-    assert len(told["ball"]) == 250
-    assert told["ball"][2:4] == [(0.2, 2.0, 0.01), (0.3, None, 0.01)]
-    assert told["none"] == []
-
-
 def test_distances_are_whole_whenever_another_thread_looks():
     history, ended = RunHistory(), threading.Event()
 
@@ -247,18 +237,6 @@ def test_a_computer_that_says_nothing_of_itself_is_no_trouble(tmp_path):
     state = Board(folder=tmp_path / "gone", root=tmp_path, clock=lambda: 0.0).state()
     assert state == BoardState()
     assert {note.what for note in LiveHealth(board=state).notes} == {"camera", "dropped frames"}
-
-
-def test_the_board_is_looked_at_now_and_then_and_not_for_each_snapshot(tmp_path):
-    now_s = [0.0]
-    looked = board(tmp_path)
-    looked.clock = lambda: now_s[0]
-    assert looked.state().temperature_c == pytest.approx(48.3, abs=0.1)
-    board(tmp_path, "60000")
-    now_s[0] = 4.9
-    assert looked.state().temperature_c == pytest.approx(48.3, abs=0.1)
-    now_s[0] = 5.1
-    assert looked.state().temperature_c == pytest.approx(60.0)
 
 
 def test_a_picture_that_is_old_a_disk_that_is_full_and_a_broker_that_is_away_are_not_good():
