@@ -13,13 +13,6 @@ from stadimeter.testing.rig import ManualClock
 from support.programs import require
 
 
-def test_a_stepped_clock_stands_still_until_somebody_sleeps_on_it():
-    clock = SteppedClock()
-    assert clock.now_s() == clock.now_s() == 0.0
-    clock.sleep_until_s(3600)
-    assert clock.now_s() == 3600
-
-
 def test_a_stepped_clock_never_goes_back():
     clock = SteppedClock(start_s=5.0)
     clock.sleep_until_s(1.0)

@@ -118,12 +118,6 @@ def test_what_is_no_number_is_no_level_to_hold_an_output_at(level):
         parse_request(line)
 
 
-def test_how_to_shelve_reaches_the_core_too():
-    line = b'{"op": "shelve", "args": {"rule": "near", "for_s": 60, "one_shot": true}}'
-    command = operator_command(parse_request(line), "7")
-    assert (command.action, command.for_s, command.one_shot) == (OperatorAction.SHELVE, 60.0, True)
-
-
 def test_an_answer_is_one_line_whatever_is_in_it():
     line = Reply({"words": "two\nlines and a Ω"}).line("a\nb")
     assert line.count(b"\n") == 1

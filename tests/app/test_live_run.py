@@ -21,13 +21,6 @@ def rig(tmp_path):
     return Rig(tmp_path)
 
 
-def test_it_acts_on_fresh_frames_and_stops_at_the_end(rig):
-    rig.loop.run(Limits(frames=30))
-    assert max(command.level for command in rig.motor.commands) == 1.0
-    assert rig.motor.level == 0.0
-    assert rig.loop.history.frames == 30
-
-
 def test_a_camera_that_blocks_puts_the_output_at_its_safe_value_and_the_run_goes_on(rig):
     decisions = []
 

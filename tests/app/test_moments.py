@@ -2,7 +2,7 @@
 
 import pytest
 
-from stadimeter.app.persistence.resumption import STEPPED, ClockReading, clock_name, elapsed_s, moment
+from stadimeter.app.persistence.resumption import STEPPED, ClockReading, clock_name, elapsed_s
 
 HOURS_3 = 3 * 3600.0
 
@@ -41,8 +41,3 @@ def test_the_clock_of_a_live_run_is_named_after_the_boot(tmp_path):
 def test_where_the_kernel_names_no_boot_no_two_runs_share_a_clock(tmp_path):
     names = {clock_name(is_live=True, boot_id=tmp_path / "none") for _ in range(3)}
     assert len(names) == 3
-
-
-def test_a_moment_is_read_off_both_clocks():
-    now = moment("boot 1", 12.5, unix_s=lambda: 1e9, is_right=lambda: False)
-    assert now == at(12.5, is_synchronised=False)

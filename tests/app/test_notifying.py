@@ -78,15 +78,6 @@ def test_a_message_goes_to_its_topic_at_least_once():
     assert json.loads(message.payload) == {"d": 0.41, "why": "0.41 m is below 0.50 m"}
 
 
-def test_what_several_rules_send_keeps_its_order():
-    _, notifications = sent(alarm(to_phone("first"), to_phone("second")), decision(1, 0, 1))
-    assert [note.body for _, note in notifications] == ["second", "first", "second"]
-
-
-def test_without_anything_to_send_nobody_is_asked_for_the_time():
-    assert [*outgoing(decision(), [alarm()], lambda: pytest.fail("the time"))] == []
-
-
 def test_a_title_is_one_short_line_and_a_text_is_never_empty():
     rule = alarm(to_phone("{by}", "{reason}"))
     _, ((_, note),) = sent(rule, decision(0, reason="a\nb\t" + "c" * 500))

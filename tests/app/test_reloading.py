@@ -111,13 +111,6 @@ def test_an_alarm_whose_rule_is_removed_clears_and_its_output_goes_to_its_safe_v
     assert ("rule/near/state", "", True) in topics
 
 
-def test_a_changed_threshold_begins_anew(rig):
-    rig.change = lambda: rig.write(NEAR.replace("3 m", "1 m"))
-    assert rig.run().data["changed"] == ("near",)
-    assert rig.events("near")[1][0] == "cleared"
-    assert rig.levels[-1] == 0.0
-
-
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
@@ -191,12 +184,6 @@ def test_a_reload_that_switches_liveness_on_says_that_it_needs_a_restart_and_cha
     rig.change = lambda: rig.write(NEAR, FAR, tail=TAIL + "[safety]\nliveness = false\n")
     assert rig.run().error == "nothing was changed: restart to change [safety.liveness]"
     assert rig.events("far") == []
-
-
-def test_safety_and_tracking_are_taken_over_too(rig):
-    rig.change = lambda: rig.write(NEAR, tail=TAIL + '[safety]\nmax_frame_age = "150 ms"\n')
-    assert rig.run().error == ""
-    assert rig.loop.parts.cycle.max_frame_age_s == 0.15
 
 
 def test_two_who_ask_at_once_are_told_so(tmp_path):

@@ -59,14 +59,6 @@ def test_an_alarm_goes_on_in_the_next_run(tmp_path):
     assert second == []
 
 
-def test_a_delay_that_was_half_over_ends_in_the_next_run(tmp_path):
-    path, slow = tmp_path / "run.sqlite3", NEAR.replace('"0 s"', '"3 s"')
-    assert events_of(remembering(loop_of(tmp_path, slow), path), seconds=2)[0] == []
-    raised, _ = events_of(remembering(loop_of(tmp_path, slow), path), seconds=1.5)
-    assert raised == [("near", "raised")]
-    assert events_of(loop_of(tmp_path, slow), seconds=1.5)[0] == []
-
-
 def test_a_file_that_cannot_be_used_is_told_and_the_run_goes_on(tmp_path):
     loop = remembering(loop_of(tmp_path, NEAR), tmp_path / "run.sqlite3" / "below")
     (tmp_path / "run.sqlite3").touch()

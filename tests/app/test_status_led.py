@@ -123,10 +123,6 @@ def flashes(lit: list[bool]) -> int:
     return sum(now and not before for before, now in pairwise(lit))
 
 
-def test_it_is_dark_until_the_first_cycle(light):
-    assert not any(light.lit(3.0))
-
-
 def test_it_keeps_its_rhythm_between_cycles(light):
     light.lit(0.1, cycle())
     assert flashes(light.lit(20.0, cycle())) == 10

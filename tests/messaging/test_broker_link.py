@@ -165,13 +165,6 @@ def test_after_a_take_over_the_longest_pause_is_kept(play, make_messenger):
     eventually(lambda: messenger.trouble().endswith("give each its own node; trying again in 0.2 s"))
 
 
-def test_the_pauses_between_attempts_double(play, make_messenger):
-    messenger = make_messenger(play((BANNED_5, True)).port)
-    messenger.open()
-    for pause in ("0.05", "0.1", "0.2"):
-        eventually(lambda pause=pause: messenger.trouble().endswith(f"trying again in {pause} s"))
-
-
 @pytest.mark.long
 def test_no_pause_is_longer_than_an_alarm_may_wait(play):
     broker = play((BANNED_5, True))

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import pytest
 
 from stadimeter.core.message import Notification
-from stadimeter.messaging.apprise_notifier import QUEUE_MAX, Delivery
-from stadimeter.messaging.protocol import Patience
+from stadimeter.messaging.apprise_notifier import Delivery
+from stadimeter.messaging.back_off import Patience
 from stadimeter.testing.rig import eventually
 
 PATIENCE = Patience(first_pause_s=0.01, longest_pause_s=0.02, goodbye_s=10.0)
@@ -49,17 +49,6 @@ def started(service: Service, retry_s: float = 600.0, patience: Patience = PATIE
     return delivery
 
 
-def test_adding_never_waits_for_the_service(service):
-    service.is_free.clear()
-    delivery = started(service)
-    for number in range(QUEUE_MAX):
-        delivery.add(note(str(number)))
-    assert not service.taken
-    service.is_free.set()
-    delivery.stop()
-    assert service.taken == [str(number) for number in range(QUEUE_MAX)]
-
-
 def test_what_failed_is_tried_again_before_what_comes_behind_it(service):
     service.refuses = lambda _body: len(service.asked) < 4
     delivery = started(service)
@@ -95,34 +84,9 @@ def test_trouble_says_why_what_waits_and_what_was_given_up_until_the_next_succes
     assert delivery.undelivered() == (note("one"),)
 
 
-def test_a_service_that_does_not_answer_does_not_hold_up_the_end(service):
-    service.is_free.clear()
-    delivery = started(service, patience=Patience(goodbye_s=0.01))
-    delivery.add(note("on its way"))
-    delivery.add(note("behind it"))
-    eventually(lambda: service.asked)
-    delivery.stop()
-    assert delivery.undelivered() == (note("on its way"), note("behind it"))
-    service.is_free.set()
-    eventually(lambda: threading.active_count() == 1 or service.taken)
-
-
 def test_no_pause_is_longer_than_a_notification_may_wait(service):
     service.refuses = lambda _body: True
     delivery = started(service, patience=Patience(first_pause_s=60.0, alarm_pause_s=0.01, goodbye_s=10.0))
     delivery.add(note("urgent"))
     eventually(lambda: len(service.asked) > 3)
     delivery.stop()
-
-
-def test_the_oldest_make_way_when_too_many_wait(service):
-    service.is_free.clear()
-    delivery = started(service)
-    delivery.add(note("on its way"))
-    eventually(lambda: service.asked)
-    for number in range(QUEUE_MAX + 3):
-        delivery.add(note(str(number)))
-    service.is_free.set()
-    delivery.stop()
-    assert service.taken == ["on its way", *(str(number) for number in range(3, QUEUE_MAX + 3))]
-    assert delivery.given_up == 3

@@ -102,50 +102,6 @@ def test_a_state_that_expires_is_not_kept_by_mqtt_311_where_it_would_never_expir
     assert late.payloads(f"{BASE}/{STATE.topic}") == []
 
 
-def test_alerts_wait_for_a_broker_that_starts_late_and_states_are_dropped_and_counted(broker, make_messenger, listen):
-    broker.stop()
-    messenger = make_messenger(broker.port)
-    messenger.open()
-    eventually(lambda: "refused the connection" in messenger.trouble())
-    for number in range(40):
-        # Kept, because the subscriber may come later than the messages.
-        messenger.publish(Message(topic=f"rule/{number}/state", payload="waited", qos=1, retain=True))
-        messenger.publish(STATE)
-    assert messenger.dropped == 40
-    broker.start()
-    eventually(lambda: not messenger.trouble())
-    listener = listen(broker.port)
-    for number in range(40):
-        listener.wait_for(f"{BASE}/rule/{number}/state", "waited")
-    assert listener.payloads(f"{BASE}/{STATE.topic}") == []
-    assert messenger.dropped == 40
-
-
-def test_it_connects_again_to_a_broker_that_was_restarted(broker, make_messenger, listen):
-    messenger = connected(make_messenger(broker.port))
-    broker.stop()
-    eventually(messenger.trouble)
-    broker.start()
-    eventually(lambda: not messenger.trouble())
-    assert listen(broker.port).wait_for(AVAILABILITY).payload == "online"
-
-
-def test_alerts_that_nobody_acknowledged_are_sent_again_in_order(broker, make_messenger, listen, lay_tunnel):
-    listener = listen(broker.port)
-    tunnel = lay_tunnel(broker.port)
-    messenger = connected(make_messenger(tunnel.port))
-    tunnel.clog()
-    numbers = [str(number) for number in range(60)]
-    for number in numbers:
-        messenger.publish(alert(number))
-    tunnel.cut()
-    eventually(messenger.trouble)
-    tunnel.mend()
-    listener.wait_for(f"{BASE}/event/alarm", numbers[-1])
-    arrived = listener.payloads(f"{BASE}/event/alarm")
-    assert list(dict.fromkeys(arrived)) == numbers
-
-
 @pytest.mark.long
 def test_a_link_that_takes_nothing_any_more_holds_neither_publishing_nor_memory(broker, make_messenger, lay_tunnel):
     tunnel = lay_tunnel(broker.port)
@@ -171,14 +127,6 @@ def test_closing_over_a_link_that_takes_nothing_leaves_the_last_word_to_the_brok
     assert messenger.undelivered() == (alert("never acknowledged"),)
     tunnel.cut()
     listener.wait_for_payloads(AVAILABILITY, ["online", "offline"])
-
-
-def test_a_port_where_nobody_listens_is_said_in_words(make_messenger):
-    port = free_port()
-    messenger = make_messenger(port)
-    messenger.open()
-    words = eventually(lambda: "refused" in messenger.trouble() and messenger.trouble())
-    assert words.startswith(f"127.0.0.1:{port} refused the connection (is a broker running there?); trying again in ")
 
 
 def test_a_wrong_password_is_said_in_words_and_not_repeated_in_them(start_broker, make_messenger, tmp_path):

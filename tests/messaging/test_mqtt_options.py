@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
@@ -61,10 +60,3 @@ def test_the_port_follows_tls_unless_it_is_given():
 def test_a_wrong_option_is_named(table, expected):
     with pytest.raises(ValidationError, match=re.escape(expected)):
         options(**table)
-
-
-def test_paths_are_relative_to_the_configuration():
-    checked = MqttOptions.model_validate(
-        {"username": "pi", "password_file": "password"}, context={"folder": Path("/etc/stadimeter")}
-    )
-    assert checked.password_file == Path("/etc/stadimeter/password")

@@ -141,16 +141,6 @@ def test_a_message_that_was_taken_is_undelivered_before_it_is_on_the_wire():
     assert (outbox.undelivered(), outbox.given_up) == ((alert(2),), 1)
 
 
-def test_starting_over_sends_everything_again_in_the_same_order():
-    outbox = MemoryOutbox(window=3)
-    for number in range(5):
-        outbox.add(alert(number), 0.0)
-    assert payloads(outbox) == ["0", "1", "2"]
-    outbox.done(1)
-    outbox.start_over()
-    assert payloads(outbox) == ["0", "2", "3"]
-
-
 def test_what_is_on_the_wire_and_what_waits_is_undelivered_until_it_is_answered():
     outbox = MemoryOutbox(window=2)
     for number in range(3):

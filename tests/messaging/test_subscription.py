@@ -89,17 +89,6 @@ def test_a_message_that_is_too_long_hides_no_other(broker, device, listening, pr
     assert listener.subscription.trouble() == ""
 
 
-def test_it_listens_again_after_the_connection_was_lost(broker, device, listening, lay_tunnel):
-    tunnel = lay_tunnel(broker.port)
-    listener = listening(tunnel.port).connected()
-    tunnel.cut()
-    listener.until(listener.subscription.trouble)
-    tunnel.mend()
-    listener.connected()
-    say(device, "stadimeter/garage/event/alarm", b"after")
-    listener.until(lambda: b"after" in listener.payloads())
-
-
 def test_events_that_came_while_the_connection_was_away_arrive_once_it_is_back(broker, device, listening, lay_tunnel):
     tunnel = lay_tunnel(broker.port)
     listener = listening(tunnel.port).connected()
