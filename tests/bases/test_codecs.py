@@ -181,10 +181,6 @@ def motion(linear_mps: float, angular_radps: float) -> Motion:
     return Motion(linear_mps=linear_mps, angular_radps=angular_radps)
 
 
-def test_straight_ahead_turns_both_wheels_alike() -> None:
-    assert DRIVE.wheels(motion(0.2, 0.0)) == WheelSpeeds(left_mps=0.2, right_mps=0.2)
-
-
 def test_a_turn_to_the_left_runs_the_right_wheel_forwards_and_the_left_one_backwards() -> None:
     assert DRIVE.wheels(motion(0.0, 1.0)) == WheelSpeeds(left_mps=-0.08, right_mps=0.08)
 

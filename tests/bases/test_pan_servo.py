@@ -186,12 +186,6 @@ def test_a_tilt_alone_begins_with_both_straight_ahead_and_ends_with_its_travel()
     assert bench.tilt_rad == pytest.approx(math.radians(-20), abs=0.02)
 
 
-def test_without_a_second_servo_nothing_tilts_and_that_is_what_it_returns() -> None:
-    bench = Bench()
-    assert set(bench.tilt(0.5, 1.5)) == {0.0}
-    assert (bench.pulse_s, bench.tilt_pulse_s, bench.tilt_rad) == (0.0, 0.0, 0.0)
-
-
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_tilt_that_is_no_number_or_has_no_frame_cannot_be_commanded(value: float) -> None:
     with pytest.raises(CommandRangeError):

@@ -68,10 +68,6 @@ def test_a_pose_varies_with_the_distance_along_the_line_of_sight_and_with_the_di
         assert across @ covariance @ across / (across @ across) == pytest.approx(across_m2)
 
 
-def test_a_target_that_was_never_seen_has_no_pose() -> None:
-    assert target_pose(Track(target="ball"), 0.0, 0.01) is None
-
-
 def test_a_pose_in_json_has_the_fields_of_the_type_and_no_others() -> None:
     fields = pose_json(target_pose(track(), 1.5, 0.01), "camera_link")
     assert [*fields] == [name for name, _ in STORE.fielddefs[POSE_TYPE][1]]

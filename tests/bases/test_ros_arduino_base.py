@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -15,16 +14,14 @@ from hypothesis import strategies as st
 from msgspec import Struct
 from pydantic import ValidationError
 
-from stadimeter.app.clock import MonotonicClock
-from stadimeter.bases.protocol import WheelSpeeds
+from stadimeter.bases.differential_drive import WheelSpeeds
 from stadimeter.bases.ros_arduino_base import FRAME_S, RosArduinoCodec, RosArduinoOptions
-from stadimeter.bases.serial_base import BaseMessage, Greeting, SerialBase, SerialLink
-from stadimeter.config.plugins import DriverContext
-from stadimeter.core.command import TwistCommand
+from stadimeter.bases.serial_base import SerialBase
+from stadimeter.bases.serial_codec import BaseMessage
+from stadimeter.bases.serial_link import Greeting, SerialLink
 from stadimeter.errors import CommandRangeError, DeviceClosedError, DeviceOpenError, LinkLostError, ProtocolError
 from stadimeter.simulation.emulated_base import EmulatedPort
 from stadimeter.simulation.firmware import RosArduinoFirmware
-from stadimeter.simulation.world import World, WorldOptions
 from stadimeter.testing.rig import ManualClock
 from support.base_bench import BaseBench, base_bench, opened
 from support.each_case import each_case
@@ -230,26 +227,6 @@ def test_options_that_make_no_robot_are_errors(wrong: dict[str, Any], says: str)
         RosArduinoOptions.model_validate({"port": "emulated-ros-arduino-bridge"} | OPTIONS | wrong)
 
 
-@pytest.mark.long
-def test_on_a_real_clock_with_the_board_in_a_thread_the_wheels_turn_and_stop() -> None:
-    clock = MonotonicClock()
-    context = DriverContext(name="base", clock=clock)
-    world = World(WorldOptions(track_width="16 cm", ticks_per_metre=1440 / (math.pi * 0.065)), clock)
-    context.share("world", lambda: world)
-    base = RosArduinoOptions.model_validate({"port": "emulated-ros-arduino-bridge"} | OPTIONS).build(context)
-    base.open()
-    while world.robot.wheels_mps[0] < 0.25:
-        now_s = clock.now_s()
-        base.apply(TwistCommand(output="base", linear_mps=0.3, angular_radps=0.0, captured_at_s=now_s))
-        clock.sleep_until_s(now_s + 0.05)
-        base.tick(clock.now_s())
-    base.close()
-    while world.robot.wheels_mps[0] > 1e-3:
-        time.sleep(0.01)
-    for close in reversed(context.shared.closers):
-        close()
-
-
 # What is special about the protocol of ros_arduino_bridge; its vectors are tried in `test_codecs.py`.
 
 DONE, IDENTITY = BaseMessage(was_done=True), BaseMessage(is_identity=True)
@@ -311,10 +288,6 @@ def test_a_number_behind_noise_is_not_trusted_because_digits_may_be_missing(
 def test_a_flood_without_an_end_is_dropped_and_counted(codec: RosArduinoCodec, size: int) -> None:
     assert codec.feed(b"x" * size + b"\r\nOK\r\n") == [DONE]
     assert codec.dropped_bytes == size
-
-
-def test_a_delete_character_is_noise(codec: RosArduinoCodec) -> None:
-    assert codec.feed(b"1\x7f234\r") == []
 
 
 class SlowBoard(RosArduinoFirmware):
@@ -430,10 +403,3 @@ def test_something_that_sends_numbers_for_ever_is_no_base(greet: Greet, every_s:
     greeting.repeat(b"512\r\n", every_s=every_s)
     with pytest.raises(DeviceOpenError, match="does not acknowledge"):
         greeting.run()
-
-
-def test_a_sketch_without_motors_is_refused(greet: Greet) -> None:
-    board = RosArduinoFirmware()
-    board.use_base_off = True
-    with pytest.raises(ProtocolError, match="USE_BASE"):
-        greet(board).run()

@@ -100,12 +100,6 @@ def test_a_hang_up_is_a_lost_link(link: SerialLink, terminal: Terminal, use: Cal
         use(link)
 
 
-def test_what_was_written_is_drained(link: SerialLink, terminal: Terminal) -> None:
-    link.write(b"m 0 0\r")
-    link.drain()
-    assert os.read(terminal.board, 100) == b"m 0 0\r"
-
-
 def fill(link: SerialLink) -> None:
     for _ in range(100):
         link.write(b"x" * 1000)
@@ -156,13 +150,6 @@ def test_a_port_that_was_never_opened_is_refused() -> None:
             use()
 
 
-def test_a_stop_is_overdue_a_tenth_of_a_second_after_it_was_sent() -> None:
-    awaited = Acknowledgements()
-    awaited.sent(1.0, stop=True)
-    assert not awaited.stop_is_overdue(1.05)
-    assert awaited.stop_is_overdue(1.11)
-
-
 def test_the_answer_to_an_earlier_command_does_not_pass_for_the_stops() -> None:
     awaited = Acknowledgements()
     awaited.sent(0.9, stop=False)
@@ -172,16 +159,6 @@ def test_the_answer_to_an_earlier_command_does_not_pass_for_the_stops() -> None:
     assert not awaited.stop_is_overdue(1.2)  # its answer may still come
     listen(awaited, 1.2, 0.06)
     assert awaited.stop_is_overdue(1.3)
-
-
-def test_a_command_is_free_to_go_once_all_before_it_were_answered() -> None:
-    awaited = Acknowledgements()
-    assert awaited.is_free
-    awaited.sent(0.9, stop=False)
-    assert not awaited.is_free
-    awaited.note_answer(is_done=True)
-    assert awaited.is_free
-    assert not awaited.is_late
 
 
 def test_a_command_that_is_not_answered_in_time_is_followed_by_a_stop() -> None:

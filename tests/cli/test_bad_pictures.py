@@ -82,15 +82,6 @@ def test_what_is_no_picture_is_one_line_that_names_it_once(
     assert line.count(str(path)) == 1
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (40, 1), (480, 480)])
-def test_a_picture_of_another_aspect_is_one_line(tmp_path: Path, camera, shape: tuple[int, int]) -> None:
-    cv2.imwrite(str(tmp_path / "other.png"), np.zeros((*shape, 3), np.uint8))
-    result = _run(tmp_path / "other.png", *camera)
-    assert result.returncode == 2
-    (line,) = result.stderr.splitlines()
-    assert line.startswith(f"error: {tmp_path / 'other.png'}: the camera was calibrated at 640x480")
-
-
 @pytest.fixture
 def video(tmp_path: Path) -> Path:
     path = tmp_path / "drive.avi"

@@ -215,21 +215,6 @@ def test_the_camera_of_a_configuration_is_taken_though_its_camera_file_is_not_th
     assert load_camera_model(output).fx_px == pytest.approx(600, rel=0.01)
 
 
-@pytest.mark.parametrize(
-    ("live", "said"),
-    [
-        ("images", "--live: images: 'paths' is missing"),
-        ("webcam", "no camera driver is called 'webcam'"),
-        ("missing.toml", "missing.toml: there is no such file"),
-    ],
-)
-def test_a_camera_that_cannot_be_meant_is_one_line_and_exit_2(output: Path, live: str, said: str) -> None:
-    result = _run("--live", live, *BOARD, "-o", output)
-    assert result.returncode == 2
-    (line,) = result.stderr.splitlines()
-    assert said in line
-
-
 def test_pictures_and_a_camera_exclude_each_other(pictures: list[Path], output: Path) -> None:
     for arguments in ((), (*pictures, "--live", "opencv")):
         result = _run(*arguments, *BOARD, "-o", output)

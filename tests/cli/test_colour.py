@@ -73,18 +73,6 @@ def test_a_folder_of_pictures_is_left_as_it_is_unless_copies_are_asked_for(green
     assert [each.name for each in green_ball.parent.iterdir()] == [green_ball.name]
 
 
-@pytest.mark.long
-def test_two_lights_join_into_a_range_for_both(tmp_path: Path) -> None:
-    noon = _picture(tmp_path / "noon.png", ((300, 200), 40, GREEN))
-    dusk = _picture(tmp_path / "dusk.png", ((200, 260), 36, GREEN), light=0.35)
-    told = typed("colour", f"{noon}@300,200", f"{dusk}@200,260", "--annotate", tmp_path)
-    assert told.returncode == 0
-    for picture in (noon, dusk):
-        assert _measured(picture, _range_in(told.stdout)).returncode == 0
-    assert (tmp_path / "noon-colour.png").is_file()
-    assert (tmp_path / "dusk-colour.png").is_file()
-
-
 def test_pointing_at_the_background_says_so(green_ball: Path) -> None:
     told = typed("colour", green_ball, "--at", "600,20", "--annotate", green_ball.parent)
     assert told.returncode == 2

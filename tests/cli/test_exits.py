@@ -244,16 +244,6 @@ def test_what_is_done_at_once_is_not_announced(capsys: pytest.CaptureFixture[str
 
 
 @pytest.mark.usefixtures("at_once")
-def test_who_wants_to_see_no_progress_sees_none(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("STADIMETER_PROGRESS", "off")
-    with exits.working("counting sheep"):
-        pass
-    assert capsys.readouterr().err == ""
-
-
-@pytest.mark.usefixtures("at_once")
 def test_what_is_written_meanwhile_is_never_glued_to_the_moving_line(
     monkeypatch: pytest.MonkeyPatch, ends: list[int]
 ) -> None:

@@ -302,21 +302,6 @@ def test_the_status_says_what_waits_for_a_broker_that_is_away(terminal):
 
 
 @pytest.mark.long
-def test_a_reload_applies_changed_rules_and_keeps_the_state_of_the_others(terminal):
-    instance = terminal.start()
-    terminal.type("alarm", "ack", "near")
-    terminal.write(NEAR, FAR)
-    done = terminal.type("reload")
-    assert (done.returncode, done.stdout) == (0, "reloaded: 1 rule kept; added: far\n")
-    instance.wait_for("far raised")
-    status = json.loads(terminal.type("status", "--json").stdout)
-    assert [(rule["rule"], rule["status"], rule["acknowledged"]) for rule in status["rules"]] == [
-        ("near", "active", True),
-        ("far", "active", True),
-    ]
-
-
-@pytest.mark.long
 def test_a_threshold_is_moved_while_it_runs_and_stays_so_over_a_kill_and_a_reload_until_the_configuration_changes_it(
     terminal,
 ):

@@ -42,14 +42,6 @@ def test_equals_that_go_opposite_ways_stand_still(first, second):
     assert combined(twist("a", 0.3, first), twist("b", 0.3, second)) == (0.3, 0.0)
 
 
-def test_one_of_three_equals_that_goes_the_other_way_is_enough_to_stand_still():
-    assert combined(twist("a", 0.1), twist("b", 0.2), twist("c", -0.3)) == (0.0, 0.0)
-
-
-def test_an_equal_that_stands_still_holds_the_others():
-    assert combined(twist("a", 0.4, 0.5), twist("b", 0.0)) == (0.0, 0.0)
-
-
 @given(st.lists(st.tuples(speeds, speeds), min_size=2, max_size=5))
 def test_what_equals_agree_on_is_never_faster_than_any_of_them_nor_another_way(wanted):
     got = combined(*(twist(f"r{number}", *both) for number, both in enumerate(wanted)))
@@ -76,16 +68,6 @@ def test_an_actuator_takes_the_highest_or_the_lowest_of_equal_levels(combine, ru
     outputs = {"motor": LevelOutput(name="motor", combine=combine)}
     requests = [level("a", 0.2), level("b", 0.9), level("c", 0.5), level("low", 1.0, priority=1)]
     assert [each.rule for each in arbitrate(requests, outputs)["motor"]] == [*rules, "low"]
-
-
-def test_without_a_word_about_it_the_highest_level_counts():
-    outputs = {"motor": LevelOutput(name="motor")}
-    assert [each.rule for each in arbitrate([level("a", 0.2), level("b", 0.9)], outputs)["motor"]] == ["b", "a"]
-
-
-def test_lower_equals_below_a_single_winner_are_not_combined():
-    requests = [twist("high", 0.4), twist("b", 0.3, priority=1), twist("c", -0.3, priority=1)]
-    assert [each.rule for each in arbitrate(requests, RESTRICTIVE)["base"]] == ["high", "b", "c"]
 
 
 # How fast outputs may change, and who wins them.

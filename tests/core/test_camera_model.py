@@ -98,32 +98,11 @@ def test_any_lens_that_is_accepted_can_be_undone_everywhere_in_the_picture(
     assert camera.project(camera.directions(grid(camera))) == pytest.approx(grid(camera), abs=1e-6)
 
 
-@pytest.mark.parametrize("camera", [PLAIN, BARREL])
-def test_one_pixel_looks_where_it_looks_among_many(camera: CameraModel) -> None:
-    x, y = camera.directions(np.array([[12.25, 470.5]]))[0]
-    assert camera.direction(12.25, 470.5) == (x, y)
-
-
-def test_no_points_have_no_directions() -> None:
-    assert BARREL.directions(np.empty((0, 2))).shape == (0, 2)
-
-
 def test_where_the_lens_does_not_reach_there_is_no_direction() -> None:
     lens = replace(BARREL, distortion=(-0.2, 0.0, 0.0, 0.0))
     assert np.isnan(lens.directions(np.array([[5000.0, 240.0]]))).all()
     assert np.isnan(lens.project(np.array([[2.5, 0.0]]))).all()
     assert all(math.isnan(each) for each in lens.direction(5000.0, 240.0))
-
-
-def test_a_lens_that_folds_the_picture_is_refused() -> None:
-    with pytest.raises(CalibrationError, match="folds the picture before its corner"):
-        replace(BARREL, distortion=(-0.9, 0.0, 0.0, 0.0))
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 6, 8])
-def test_a_wrong_number_of_coefficients_is_refused(count: int) -> None:
-    with pytest.raises(CalibrationError, match=f"has {count} coefficients"):
-        replace(BARREL, distortion=(0.0,) * count)
 
 
 @each_case(
@@ -157,10 +136,6 @@ def test_a_larger_picture_of_the_same_view_looks_the_same_way() -> None:
     there = (here + 0.5) * 2 - 0.5
     assert larger.directions(there) == pytest.approx(BARREL.directions(here), abs=1e-12)
     assert larger.distortion == BARREL.distortion
-
-
-def test_the_edge_bias_grows_with_the_picture() -> None:
-    assert BARREL.scaled_to(1280, 960).edge_bias_px == pytest.approx(0.6)
 
 
 def test_another_aspect_is_refused() -> None:
@@ -247,12 +222,6 @@ def test_the_share_is_that_of_the_covariance_and_never_less_than_the_focal_lengt
     assert replace(known, focal_relative_sigma=0.3).distance_share(12.0, 20.0) == 0.3
 
 
-@given(x=st.floats(), y=st.floats())
-def test_any_place_has_a_share(x: float, y: float) -> None:
-    known = replace(LENS, uncertainty=LensUncertainty(sigmas=SIGMAS, correlations=NO_CORRELATION))
-    assert 0 < known.distance_share(x, y) < 1
-
-
 def test_it_is_the_same_at_another_resolution() -> None:
     known = replace(LENS, uncertainty=LensUncertainty(sigmas=SIGMAS, correlations=NO_CORRELATION))
     double = known.scaled_to(1280, 960)
@@ -311,10 +280,6 @@ def test_pixels_look_where_snell_s_law_sends_them(distortion, medium):
     assert np.abs(off_px[np.hypot(*(PIXELS - 300).T) < 150]).max(initial=0) < 0.1
 
 
-def test_air_changes_nothing():
-    assert behind_flat_port(AIR, "air", 0.1) is AIR
-
-
 def test_a_window_ahead_of_the_lens_moves_the_point_that_rays_come_from():
     index = REFRACTIONS["water"].n
     port_m, angle = 0.02, 1e-4
@@ -325,10 +290,6 @@ def test_a_window_ahead_of_the_lens_moves_the_point_that_rays_come_from():
     from_where_it_seems_to_come_m = height_m / beyond
     wet = behind_flat_port(AIR, "water", port_m)
     assert from_where_it_seems_to_come_m - wet.pupil_ahead_m == pytest.approx(1.0, abs=1e-6)
-
-
-def test_the_index_is_in_the_standard_deviation():
-    assert behind_flat_port(AIR, "water", 0.0).focal_relative_sigma == pytest.approx(0.002 / 1.334, rel=0.01)
 
 
 def test_a_lens_that_is_too_wide_is_refused():

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 from stadimeter.app.persistence.resumption import read_state, state_text
 from stadimeter.core.command import BaseReport
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.evidence import describe_begin, describe_verdict
+from stadimeter.core.conditions.evidence import describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.of_rules import (
     BATTERY_DEADBAND_V,
@@ -20,7 +20,6 @@ from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.persistence import restore_alarms, snapshot_alarms
 from stadimeter.core.plan import Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule
-from stadimeter.core.rules.explaining import explain
 from support.each_case import each_case
 from support.observing import measured
 
@@ -55,18 +54,6 @@ def test_a_low_battery_is_not_full_again_because_a_motor_let_it_go():
     assert LOW.holds(inputs(battery_v=11.0 + 1.1 * BATTERY_DEADBAND_V), is_on=True) is False
 
 
-def test_they_are_worded_with_their_figures():
-    assert describe_begin(LOW) == "the battery voltage of the base is below 11.00 V"
-    assert describe_begin(BUMPED) == "the bumper of the base is pressed"
-    assert (
-        describe_verdict(LOW, inputs(battery_v=10.5), (), is_active=False) == "battery voltage 10.50 V, below 11.00 V"
-    )
-    assert (
-        describe_verdict(BUMPED, inputs(is_bumped=True), (), is_active=False)
-        == "the bumper of the base is pressed: yes"
-    )
-
-
 def test_a_base_says_why_it_must_not_drive():
     assert not BaseReport(at_s=0.0, is_bumped=False, is_at_cliff=False).why_not_drive
     assert BaseReport(at_s=0.0, is_bumped=True).why_not_drive == "its bumper is pressed"
@@ -88,14 +75,6 @@ def waiting_since(since_s, now_s=100.0):
 )
 def test_it_holds_while_an_alarm_has_waited_for_its_time(since_s, holds):
     assert LATE.holds(waiting_since(since_s), is_on=False) is holds
-
-
-def test_it_is_worded_with_its_time():
-    assert describe_begin(LATE) == "an alarm is undelivered for 5 s"
-    assert (
-        describe_verdict(LATE, waiting_since(93.9), (), is_active=False) == "an alarm is undelivered for 6.1 s of 5 s"
-    )
-    assert describe_verdict(LATE, waiting_since(None), (), is_active=False) == "no alarm is undelivered"
 
 
 # The order in which rules were raised.
@@ -185,11 +164,3 @@ def test_it_is_remembered_beyond_a_restart_and_in_a_recording():
     run.state = restore_alarms(begun, snapshot, shift_s=100.0, from_s=run.now_s + 100, now_s=run.now_s + 100)
     run.now_s += 100.0
     assert run.see(CLOSE, CLOSE) is True
-
-
-def test_an_explanation_says_when_each_was_raised():
-    run = Run()
-    run.see(FAR, FAR)
-    run.see(CLOSE, FAR)
-    words = explain(run.decision, "order").sentence
-    assert "left was raised 0.4 s ago, right was not raised; in this order within 2 s" in words

@@ -64,11 +64,6 @@ def test_a_steady_approach_is_learnt_without_lag():
     assert state.distance_m == pytest.approx(truth, abs=0.002)
 
 
-def test_a_distance_that_would_become_negative_stays_at_zero():
-    state = kalman.start(0.2, 0.1)._replace(rate_mps=-5.0)
-    assert kalman.predict(state, 1.0, 1.0, 0.6).distance_m == 0.0
-
-
 def still(correlation, believed, frames=40_000, noise_m=0.1):
     """Return the true standard deviation of the error, and the stated one, for a target that stands still."""
     chance = np.random.default_rng(7)

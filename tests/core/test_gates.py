@@ -246,11 +246,3 @@ def test_a_step_with_a_condition_is_done_if_that_holds_when_it_is_due(wall, sent
     # Judged once: what comes later changes nothing.
     decision = run.see(0.5, wall=NIGHT if wall is not NIGHT else DAY, times=6)
     assert (len(run.notices), level(decision)) == (sent, driven)
-
-
-def test_an_alarm_that_comes_again_judges_its_steps_anew():
-    run = Run(NEAR)
-    run.see(0.5, wall=DAY, times=9)
-    run.see(3.0, wall=DAY, times=15)
-    decision = run.see(0.5, wall=NIGHT, times=9)
-    assert (len(run.notices), level(decision)) == (1, 1.0)

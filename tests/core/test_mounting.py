@@ -58,10 +58,6 @@ def test_there_is_nothing_to_confirm_where_nothing_was_found() -> None:
         assert events == ()
 
 
-def test_a_camera_without_a_saved_view_is_never_unconfirmed() -> None:
-    assert step(False, None) == (False, (), ())
-
-
 @given(st.lists(st.tuples(st.sampled_from([None, Mounting(), TURNED]), st.booleans()), max_size=30))
 def test_faults_and_their_ends_alternate(cycles) -> None:
     was, kinds = False, []

@@ -295,17 +295,6 @@ def test_a_program_that_stood_still_saw_no_one_stand_still():
 # Ramps
 
 
-def test_a_ramp_may_go_by_any_quantity():
-    louder = RampRule(name="r", target="ball", output="motor", quantity="bearing", start=0.0, full=-0.4)
-    _, decisions = run(lambda t: (3.0, -0.1 * t, 0.0), louder, seconds=5.0)
-    levels = {round(at_s, 2): decision.commands[0].level for at_s, decision in decisions}
-    assert levels[1.0] == pytest.approx(0.25, abs=0.02)
-    assert levels[3.0] == pytest.approx(0.75, abs=0.02)
-    assert levels[4.5] == 1.0
-    assert decisions[30][1].reasons["r"].startswith("bearing -5.7° ± ")
-    assert decisions[30][1].reasons["r"].endswith(" between 0.0° (off) and -22.9° (full)")
-
-
 def test_ahead_and_left_are_from_the_middle_of_the_robot_along_the_floor():
     mounted = replace(VIEW, tilt_rad=0.0, mount=Mount(x_m=0.1, y_m=0.02))
     seen = inputs(track(2.0, 30.0), viewpoint=mounted)

@@ -109,14 +109,6 @@ def test_active_time_is_summed_up_and_leaves_the_window():
     assert not run.is_often
 
 
-def test_more_than_twenty_a_day_is_reached_with_the_21st():
-    run = Run(NEAR, counting(20.0, window=TODAY), clock=36000.0)
-    run.visit(20)
-    assert not run.is_often
-    run.visit()
-    assert run.is_often
-
-
 def test_a_day_begins_at_midnight_and_nothing_of_it_is_known_without_the_time_of_day():
     unknown = Run(NEAR, counting(0.0, window=TODAY))
     unknown.visit(3)
@@ -314,13 +306,6 @@ def test_a_message_at_a_time_of_day_is_not_sent_again_after_a_restart_or_when_th
     later.clock = 3595.0
     later.stay(2.0, 65.0)
     assert later.notices == []
-
-
-def test_a_rule_that_is_only_observed_sends_nothing():
-    run = Run(replace(report(every_s=1.0), observe=True))
-    run.stay(2.0, 5.0)
-    assert run.notices == []
-    assert run.decision.reasons["report"] == "sends every 1 s; 4 times until now"
 
 
 def test_a_message_is_sent_only_while_its_gate_is_open_and_not_later_and_where_that_is_unknown_it_is_sent():

@@ -232,16 +232,7 @@ def test_a_level_is_always_one_of_the_steps_or_off(levels, since_s, times):
     assert found in {0.0, *(level for level, _ in levels)}
 
 
-@given(steps, times_s)
-def test_a_pattern_without_an_end_goes_on_for_ever(levels, since_s):
-    assert Pattern(steps=levels).level(since_s) in {level for level, _ in levels}
-
-
 @given(steps, st.integers(1, 5))
 def test_after_its_last_turn_a_pattern_is_off(levels, times):
     whole_s = math.fsum(for_s for _, for_s in levels) * times
     assert Pattern(steps=levels, times=times).level(whole_s + 0.001) == 0.0
-
-
-def test_a_time_before_the_beginning_counts_as_the_beginning():
-    assert THREE_BURSTS.level(-1.0) == 1.0

@@ -17,7 +17,6 @@ from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Severity
 from stadimeter.core.persistence import SnapshotChange, classify_change, reload, restore_alarms, snapshot_alarms
-from stadimeter.core.rule import AlarmRule
 from stadimeter.core.rules.explaining import explain
 from support.conditions import closing, direction
 from support.each_case import each_case
@@ -167,14 +166,6 @@ def test_thresholds_are_called_as_in_the_configuration(condition, names):
     assert named(condition) == names
 
 
-def test_a_part_of_a_condition_is_moved_and_the_others_stay():
-    parts = (DistanceCondition(below=1.0), Not(condition=DistanceCondition(below=0.2)))
-    run = run_at(3.0, replace(NEAR, condition=AnyOf(conditions=parts)))
-    run.tell("set-threshold", "near", key="any.1.not.below", value=0.3)
-    (near, inverted) = judged(run).condition.conditions
-    assert (near.below, inverted.condition.below) == (1.0, 0.3)
-
-
 # What others see
 
 
@@ -318,19 +309,3 @@ def test_an_observed_rule_that_is_removed_clears_without_notifying_anybody():
     run.tell("observe", "near")
     (event,) = reload(run.state, plan_of(FAR)).state.due
     assert (event.kind, event.notify) == ("cleared", False)
-
-
-def test_thresholds_and_observing_are_independent():
-    run = run_at(3.0)
-    run.tell("observe", "near")
-    run.tell("set-threshold", "near", value=0.6)
-    run.tell("act", "near")
-    assert judged(run) == replace(NEAR, condition=replace(NEAR.condition, below=0.6))
-    run.tell("withdraw-threshold", "near")
-    assert judged(run) == NEAR
-
-
-def test_a_rule_that_nobody_has_set_is_judged_as_the_very_object_of_the_plan():
-    run = run_at(3.0, NEAR, FAR)
-    assert all(now is rule for now, rule in zip(run.state.rules.rules, run.state.plan.rules, strict=True))
-    assert isinstance(judged(run), AlarmRule)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stadimeter.core.detection import DetectionStatus, Prediction
-from stadimeter.detectors.ball.search import list_octaves, propose_circles
+from stadimeter.core.detection import DetectionStatus
+from stadimeter.detectors.ball.circle_votes import list_octaves, propose_circles
 from support.scenes import draw as scenes
 from support.scenes.hard_balls import silver_ball
 from support.scenes.render import render
@@ -36,23 +36,6 @@ def test_most_silver_balls_are_found_and_hardly_one_is_far_off(ball_detector, dr
     assert len(errors) >= 16
     assert np.median(errors) < 0.02
     assert np.count_nonzero(np.array(errors) > 0.1) <= 1
-
-
-def test_two_balls_that_are_alike_are_refused_with_their_places(ball_detector, draw, wall) -> None:
-    picture = draw.disc(draw.disc(wall(), (160, 240), 40, RED), (480, 240), 40, GREY)
-    found = ball_detector(hsv=None).detect(draw.frame(draw.noise(picture)))
-    assert found.status is DetectionStatus.NOT_FOUND
-    assert "as much like a ball" in found.reason
-    assert "160,240" in found.reason
-    assert "480,240" in found.reason
-
-
-def test_an_expected_ball_is_told_from_another_one(ball_detector, draw, wall) -> None:
-    picture = draw.disc(draw.disc(wall(), (160, 240), 40, RED), (480, 240), 40, GREY)
-    expected = Prediction(centre_px=(479, 241), size_px=81, sigma_px=1.5)
-    found = ball_detector(hsv=None).detect(draw.frame(draw.noise(picture)), expected)
-    assert found.status is DetectionStatus.FOUND
-    assert found.centre_px == pytest.approx((480, 240), abs=0.5)
 
 
 @pytest.mark.long

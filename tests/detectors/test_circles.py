@@ -15,7 +15,7 @@ from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.detectors.circles import CirclesDetector, CirclesOptions
 from stadimeter.detectors.disc import DiscDetector, DiscOptions
 from support.scenes import draw
-from support.scenes.circles import CirclesTarget, circles_scene
+from support.scenes.circles import circles_scene
 from support.scenes.nuisances import noise, soft
 from support.scenes.plane import DiscTarget, Pose
 from support.scenes.render import render
@@ -100,14 +100,6 @@ def test_clutter_alone_is_never_taken_for_them():
     for seed in range(20, 26):
         found = detector().detect(frame_of(render(draw.empty_scene(seed))))
         assert found.status is not DetectionStatus.FOUND, f"seed {seed}"
-
-
-def test_two_alike_are_ambiguous():
-    places = ((-0.12, 0.0, 0.6), (0.12, 0.02, 0.6))
-    first, second = (CirclesTarget(pose=Pose(position_m=place, tilt_rad=0.2)) for place in places)
-    found = detector().detect(frame_of(render(replace(made_scene(), target=first, others=(second,)))))
-    assert found.status is DetectionStatus.NOT_FOUND
-    assert found.reason.startswith("ambiguous: ")
 
 
 def test_discs_that_nearly_touch_are_refused_with_both_sizes():

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.config.plugins import DriverContext
-from stadimeter.core.detection import Detection, DetectionStatus, Points
+from stadimeter.core.detection import Points
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import ShowsEdges
 from stadimeter.testing.rig import ManualClock
@@ -57,13 +57,3 @@ def test_through_a_lens_that_bends_the_points_follow_the_bent_sides(driver: str)
     off = off_px(points, BENT.project(sides[:, :2] / sides[:, 2:]))
     assert len(points) > 20
     assert np.median(off) < 0.1
-
-
-@pytest.mark.parametrize("driver", ["sheet", "tag"])
-def test_an_outline_that_leads_nowhere_has_no_points(driver: str) -> None:
-    options, _, _ = SCENES[driver]
-    detector = build(driver, options, DriverContext(name=driver, clock=ManualClock()))
-    frame = Frame(image=np.full((480, 640, 3), 128, np.uint8), captured_at_s=0.0, sequence=0)
-    nowhere = np.array([(3.0, 3.0), (3.2, 3.0), (3.2, 3.2), (3.0, 3.2)])
-    found = Detection(target="x", status=DetectionStatus.FOUND, outline_px=nowhere)
-    assert detector.edge_points(frame, found, lens=CAMERA).shape == (0, 2)

@@ -16,7 +16,7 @@ from stadimeter.detectors.sampling import light_table
 from support.scenes import draw
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
-from support.scenes.nuisances import exposure, motion
+from support.scenes.nuisances import motion
 from support.scenes.render import render
 from support.scenes.scene import Scene
 
@@ -56,28 +56,12 @@ def test_the_edges_lie_on_the_limb_to_a_few_hundredths_of_a_pixel(depth_m: float
     assert len(radii) >= min(60, 3 * true_px)
 
 
-def test_where_they_are_looked_for_does_not_move_them() -> None:
-    scene = _scene()
-    true = _circle(scene)
-    for x, y, more in ((3.0, 0.0, 0.0), (-2.0, 2.0, 1.0), (0.0, -3.0, -2.0)):
-        beside = ImageCircle(x_px=true.x_px + x, y_px=true.y_px + y, radius_px=true.radius_px + more)
-        radii = _radii(scene, _edges(scene, beside))
-        assert np.median(radii) == pytest.approx(true.radius_px, abs=0.04)
-
-
 def test_a_blurred_edge_is_as_wide_as_it_was_smeared() -> None:
     scene = _scene(depth_m=1.0)
     sharp, smeared = _edges(scene), _edges(motion(8)(scene), within_px=10.0)
     assert 2.2 < sharp.usual_width_px < 3.2
     assert smeared.wide_width_px > 6.0
     assert np.median(_radii(scene, smeared)) == pytest.approx(_circle(scene).radius_px, abs=0.3)
-
-
-def test_overexposed_channels_do_not_move_the_edges() -> None:
-    scene = _scene(depth_m=1.0)
-    bright = exposure(0.7)(scene)
-    assert render(bright).image.max() == 255
-    assert np.median(_radii(scene, _edges(bright))) == pytest.approx(_circle(scene).radius_px, abs=0.06)
 
 
 @settings(max_examples=25, deadline=None)
@@ -106,9 +90,3 @@ def test_spokes_that_leave_the_picture_are_counted_and_not_looked_along() -> Non
     assert edges is not None
     assert edges.inside < 0.8 * edges.spokes
     assert len(edges.points_px) <= edges.inside
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (3, 5), (480, 640)])
-def test_a_plain_picture_has_no_edges(shape: tuple[int, int]) -> None:
-    circle = ImageCircle(x_px=shape[1] / 2, y_px=shape[0] / 2, radius_px=min(shape) / 4)
-    assert limb_edges(np.full((*shape, 3), 90, np.uint8), circle, 8.5, 6.0, CAMERA) is None

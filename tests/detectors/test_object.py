@@ -149,16 +149,6 @@ def test_what_cannot_be_followed_is_not_found_with_the_reason_and_the_network_lo
     assert looks.count == 2
 
 
-def test_a_picture_without_the_thing_is_not_looked_at_again_before_it_is_time(
-    networks: dict[str, Path], looks: CountedLooks
-) -> None:
-    it = detector(networks["yolox"], every="0.5 s")
-    assert it.detect(at(0.0)).reason == "no person"
-    assert it.detect(at(0.2, (150, 150, 200))).reason == "no person, when the network last looked, 0.20 s before"
-    assert it.detect(at(0.5, (150, 150, 200))).status is DetectionStatus.FOUND
-    assert looks.count == 2
-
-
 def test_the_same_frame_an_earlier_one_and_one_of_another_size_are_looked_at_anew(
     networks: dict[str, Path], looks: CountedLooks
 ) -> None:
@@ -169,13 +159,6 @@ def test_the_same_frame_an_earlier_one_and_one_of_another_size_are_looked_at_ane
     it.detect(at(0.9, (150, 150, 200)))
     it.detect(Frame(np.ascontiguousarray(whole.image[:240]), 1.0, 31))
     assert looks.count == 4
-
-
-def test_of_several_the_largest_is_taken_and_the_others_are_listed(networks: dict[str, Path]) -> None:
-    found = detector(networks["yolox"]).detect(at(0, (60, 150, 120), (400, 100, 250)))
-    assert found.height_px == pytest.approx(250, abs=3)
-    assert found.reason == "the largest of 2 in view"
-    assert [each.reason for each in found.rejected] == ["is another person, score 0.90"]
 
 
 def test_with_a_prediction_the_nearest_is_taken_and_without_one_the_one_that_was_followed(

@@ -5,8 +5,6 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet.edges import (
@@ -15,15 +13,9 @@ from stadimeter.detectors.sheet.edges import (
     SheetPicture,
     measure_cut_off,
     refine_corners,
-    refine_each,
 )
-from stadimeter.detectors.sheet.evidence import (
-    SearchedPicture,
+from stadimeter.detectors.sheet.quadrilaterals import (
     find_quadrilaterals,
-    not_seen_before,
-    other_masks,
-    pale_masks,
-    quick_masks,
 )
 from support.scenes.draw import sheet_scene
 from support.scenes.render import render
@@ -43,30 +35,6 @@ def measured(corners_px: np.ndarray, sigma_px: float, picture: SheetPicture = SE
     return sides
 
 
-@pytest.mark.long
-@given(st.lists(st.floats(-2.0, 2.0), min_size=8, max_size=8))
-def test_the_corners_do_not_depend_on_where_the_search_starts(moves: list[float]) -> None:
-    start = CORNERS + np.array(moves).reshape(4, 2)
-    sides, exact = measured(start, 2.0), measured(CORNERS, 2.0)
-    assert np.abs(sides.corners_px - exact.corners_px).max() < 0.02
-    assert np.abs(sides.corners_px - CORNERS).max() < 0.15
-
-
-def test_outlines_that_settle_on_the_same_sides_are_one_and_what_has_no_sides_is_none() -> None:
-    edges = refine_each(SEEN, np.stack((CORNERS, CORNERS + 1.0, np.zeros((4, 2)))), 1.0)
-    assert edges is not None
-    assert len(edges.corners_px) == 1
-    assert refine_each(SEEN, np.zeros((1, 4, 2)), 1.0) is None
-
-
-def test_a_bright_sheet_stands_out_with_one_sign_on_all_sides_and_nothing_does_not() -> None:
-    sides = measured(CORNERS, 1.0)
-    assert (sides.contrast > 50).all()
-    assert (sides.support > 0.9).all()
-    away = measured(CORNERS, 1.0, SheetPicture(np.full_like(MADE.image, 90), LIGHT, None))
-    assert (away.support == 0).all()
-
-
 def test_of_a_sheet_that_the_border_cuts_the_free_side_stays_where_it_is() -> None:
     cut = int(CORNERS[:, 0].mean())
     corners = CORNERS.copy()
@@ -79,13 +47,6 @@ def test_of_a_sheet_that_the_border_cuts_the_free_side_stays_where_it_is() -> No
     assert sides.support[~free].min() > 0.9
     assert np.abs(sides.corners_px[[0, 3]] - CORNERS[[0, 3]]).max() < 0.2
     assert np.abs(sides.corners_px[[1, 2], 0] - corners[[1, 2], 0]).max() < 1.5
-
-
-@pytest.mark.parametrize("masks", [quick_masks, pale_masks, other_masks])
-def test_the_outline_of_the_sheet_is_among_those_found(masks) -> None:
-    outlines = find_quadrilaterals(masks(SearchedPicture.of(MADE.image)), 10.0)
-    apart = np.abs(outlines[:, :, None] - CORNERS[None, None]).max(axis=3).min(axis=1).max(axis=1)
-    assert apart.min() < 3
 
 
 def test_something_that_touches_the_sheet_does_not_hide_its_outline() -> None:
@@ -114,10 +75,3 @@ def test_a_sheet_with_a_corner_beyond_the_border_is_measured_by_the_rest() -> No
     sides = measured(CORNERS, 2.0, SheetPicture(MADE.image[:, :cut].copy(), LIGHT, None))
     seen = CORNERS[:, 0] < cut
     assert np.abs(sides.corners_px[seen] - CORNERS[seen]).max() < 0.3
-
-
-def test_an_outline_counts_as_seen_before_to_a_pixel() -> None:
-    seen: set[tuple[float, ...]] = set()
-    corners = np.round(np.stack((CORNERS, CORNERS + 5.0)))
-    assert not_seen_before(corners, seen).all()
-    assert not_seen_before(np.stack((corners[1] + 0.3, corners[1] + 2.0)), seen).tolist() == [False, True]

@@ -8,7 +8,6 @@ import pytest
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
-from stadimeter.detectors.sheet.evidence import Twins, ratio_evidence
 from stadimeter.ranging.measure import measure
 from support.scenes.draw import CAMERA
 from support.scenes.render import render
@@ -17,35 +16,7 @@ from support.scenes.taped import lit_tape
 
 pytestmark = pytest.mark.vision
 
-STRIP = np.array([(0, 0), (20, 0), (20, 50), (0, 50)], float)
 WHITE, BLACK = (228, 232, 230), (12, 12, 12)
-
-
-def twins_of(*moved: tuple[float, float], several: bool = False) -> list[bool]:
-    every = np.stack([STRIP, *(STRIP + each for each in moved)])
-    return Twins(every, np.full(len(every), 100.0), 2.5).of(STRIP[None], np.array([100.0]), several=several)[0].tolist()
-
-
-def test_of_a_pair_the_other_one_is_the_twin_and_nothing_is_its_own() -> None:
-    assert twins_of((80, 0)) == [False, True]
-    assert twins_of((5, 0)) == [False, False]
-
-
-def test_one_of_many_alike_is_no_twin_unless_its_colour_is_named() -> None:
-    assert not any(twins_of((80, 0), (160, 0)))
-    assert twins_of((80, 0), (160, 0), several=True) == [False, True, True]
-
-
-def test_what_does_not_look_like_the_sheet_has_no_twin() -> None:
-    every = np.stack([STRIP, STRIP + np.array((80, 0))])
-    assert not Twins(every, np.full(2, 100.0), 1.3).of(STRIP[None], np.array([100.0]), several=False).any()
-
-
-def test_the_further_off_the_stated_ratio_the_less_speaks_for_it_and_too_short_a_named_side_least() -> None:
-    said = ratio_evidence(np.array([0.0, 0.1, 0.2, -0.1, -0.3, 0.3])).tolist()
-    assert said[0] > said[1] > said[2]
-    assert said[3] < said[1]
-    assert said[4] < said[5]
 
 
 def found(draw, wall, sides_px: tuple[float, float], **options: str) -> Detection:

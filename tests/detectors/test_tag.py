@@ -10,8 +10,6 @@ import sys
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from msgspec.structs import replace
 from pydantic import ValidationError
 
@@ -20,10 +18,11 @@ from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.tag import TagDetector, TagOptions
-from stadimeter.detectors.tag.search import DICTIONARIES, SAME_PX, distinct, tag_family
+from stadimeter.detectors.tag.codes import DICTIONARIES, tag_family
+from stadimeter.detectors.tag.search import distinct
 from stadimeter.detectors.tag.sides import measure_sides
 from support.each_case import each_case
-from support.scenes.draw import empty_scene, tag_scene
+from support.scenes.draw import tag_scene
 from support.scenes.nuisances import distorted, motion, noise, tone
 from support.scenes.render import render
 from support.scenes.tone import Tone, encode
@@ -82,12 +81,6 @@ def test_without_a_number_the_largest_tag_is_taken_and_the_reason_says_so() -> N
     assert found.reason == "tag 9, one of 3 of apriltag-36h11 in view; name one with id"
 
 
-def test_the_tag_with_the_number_is_taken_though_another_is_larger() -> None:
-    found = seen(pasted((3, 60, 60, 60), (9, 300, 200, 120)), id=3)
-    assert worst_px(found, square(60, 60, 60)) < 0.1
-    assert found.reason == ""
-
-
 def test_a_number_that_is_not_in_view_is_missed_by_name() -> None:
     found = seen(pasted((3, 60, 60, 60), (9, 300, 200, 120)), id=4)
     assert found.status is DetectionStatus.NOT_FOUND
@@ -129,12 +122,6 @@ def test_white_on_black_counts_only_where_it_is_asked_for() -> None:
     assert seen(pasted((3, 200, 200, 120)), inverted=True).status is DetectionStatus.FOUND
 
 
-def test_a_tag_with_a_corner_beside_the_border_is_called_cut_off() -> None:
-    found = seen(pasted((3, 2, 200, 120)))
-    assert found.status is DetectionStatus.TRUNCATED
-    assert re.fullmatch(r"tag 3, 1[12]\d px, is cut off by the border", found.reason)
-
-
 def test_a_bent_picture_of_a_tag_has_its_corners_where_the_lens_puts_them() -> None:
     scene = distorted(tag_scene(40, 150, 0.3))
     made = render(scene)
@@ -169,20 +156,6 @@ def test_noise_and_motion_move_the_corners_by_less_than_a_third_of_a_pixel(troub
     assert worst_px(found, made.truth.outline_px) < 0.3
 
 
-@pytest.mark.long
-def test_clutter_is_not_taken_for_a_tag() -> None:
-    for seed in range(8):
-        found = seen(render(empty_scene(70 + seed)).image)
-        assert found.status is DetectionStatus.NOT_FOUND
-        assert "four-cornered outlines" in found.reason
-
-
-def test_a_tag_smaller_than_the_limit_is_not_taken() -> None:
-    picture = pasted((3, 200, 200, 48))
-    assert seen(picture).status is DetectionStatus.FOUND
-    assert seen(picture, min_side_px=60).status is DetectionStatus.NOT_FOUND
-
-
 def test_a_tag_whose_cells_are_two_pixels_wide_is_read_and_its_sigma_says_how_small_it_is() -> None:
     family = "aruco-4x4-50"
     for number in range(1, 8):
@@ -201,12 +174,6 @@ def chequered(width: int, height: int, cell: int) -> Image:
     y, x = np.mgrid[:height, :width]
     grey = np.where((x // cell + y // cell) % 2, 230, 30).astype(np.uint8)
     return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
-
-
-def test_of_the_thousands_of_squares_of_a_chequer_only_the_largest_are_looked_at() -> None:
-    found = seen(chequered(1280, 960, 20))
-    assert found.status is DetectionStatus.NOT_FOUND
-    assert re.search(r"at least 2\d.* px; smaller ones were not looked for: more than \d+ outlines", found.reason)
 
 
 def test_a_large_tag_on_a_chequered_floor_is_found() -> None:
@@ -334,12 +301,6 @@ def test_a_tag_in_a_very_large_picture_is_measured_in_full(side_px: int) -> None
     assert found.width_px == pytest.approx(side_px, abs=0.3)
 
 
-def test_the_reason_names_the_size_below_which_a_very_large_picture_was_not_searched() -> None:
-    reason = detector().detect(Frame(np.full((4000, 6000, 3), 90, np.uint8), 0.0, 0)).reason
-    assert "of at least 20 px" in reason
-    assert reason.endswith("smaller ones were not looked for: the picture is searched at a smaller size")
-
-
 @pytest.mark.long
 def test_fifty_megapixels_of_noise_are_searched_in_bounded_memory() -> None:
     peak = subprocess.run([sys.executable, "-c", MEASURE_PEAK], check=True, capture_output=True, text=True).stdout
@@ -347,18 +308,6 @@ def test_fifty_megapixels_of_noise_are_searched_in_bounded_memory() -> None:
 
 
 SQUARE_PX = np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 20.0], [0.0, 20.0]])
-
-
-@given(seed=st.integers(0, 10_000), count=st.integers(1, 60), spread_px=st.sampled_from([1.0, 5.0, 200.0]))
-def test_an_outline_is_left_unless_an_earlier_one_is_the_same(seed: int, count: int, spread_px: float) -> None:
-    rng = np.random.default_rng(seed)
-    outlines = SQUARE_PX + rng.uniform(0, spread_px, (count, 1, 2)) + rng.normal(0, 0.4, (count, 4, 2))
-    left = [
-        each
-        for number, each in enumerate(outlines)
-        if not any(np.abs(each - earlier).max() < SAME_PX for earlier in outlines[:number])
-    ]
-    assert np.array_equal(distinct(outlines), left)
 
 
 @pytest.mark.long

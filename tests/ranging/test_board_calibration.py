@@ -97,10 +97,6 @@ def test_a_board_that_is_bent_neither_shifts_the_focal_length_nor_makes_it_look_
     assert np.sqrt(np.mean(np.square(missed))) < 1.6
 
 
-def test_a_flat_board_is_not_said_to_be_bent() -> None:
-    assert [calibrated(views(8, seed=seed)).bend_m for seed in range(4)] == [0.0] * 4
-
-
 def test_boards_that_all_face_the_camera_fit_well_and_tell_little() -> None:
     tilted, facing = calibrated(views(10)), calibrated(views(10, tilt=0.08))
     assert facing.rms_px < 1.1 * tilted.rms_px
@@ -186,10 +182,6 @@ def test_where_no_board_was_a_distance_is_less_sure() -> None:
     model = calibrated(views(10, area_px=LEFT_HALF)).camera_model
     covered, uncovered = model.distance_share(150.0, 240.0), model.distance_share(610.0, 30.0)
     assert uncovered > 3 * covered
-
-
-def test_intervals_hold_away_from_the_boards() -> None:
-    assert min(inside_95(20, LEFT_HALF, 0.2).values()) >= 0.85
 
 
 @pytest.mark.long

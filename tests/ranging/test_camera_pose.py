@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.camera_pose import CameraPose, Landmarks, PlacedTag
+from stadimeter.core.camera_pose import Landmarks, PlacedTag
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.ranging.camera_pose import ExpectedPose, SeenLandmark, locate_camera
@@ -184,13 +184,6 @@ def test_what_is_no_flat_square_tells_no_place():
     pose = located([SeenLandmark(seen.tag, bent)])
     assert pose.position_m is None
     assert "not those of a flat square" in pose.reason
-
-
-def test_without_a_tag_in_sight_the_place_is_not_known():
-    pose = locate_camera([], Landmarks(tags=WALL), CAMERA, ExpectedPose(Viewpoint()), 1.0)
-    assert pose == CameraPose(captured_at_s=1.0, reason="no tag of a known place is in sight")
-    assert pose.angles_rad is None
-    assert pose.sigmas == ()
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")

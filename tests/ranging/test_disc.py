@@ -15,11 +15,10 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.disc import DiscDetector, DiscOptions
-from stadimeter.detectors.disc.edges import ellipse_through
-from stadimeter.ranging.ball import ConeFrame, SphereCone, fit_cone, with_ones
+from stadimeter.detectors.disc.ellipse import ellipse_through
+from stadimeter.ranging.ball import ConeFrame, fit_cone, with_ones
 from stadimeter.ranging.flat import DiscShape, circle_poses, cone_through
 from stadimeter.ranging.measure import measure
-from stadimeter.ranging.similar_triangles import expect, farthest_m
 from support.scenes.draw import CAMERA, disc_scene
 from support.scenes.nuisances import SHEET_NUISANCES
 from support.scenes.plane import Pose
@@ -75,48 +74,12 @@ def test_a_camera_with_oblong_pixels_and_a_bent_lens_is_allowed_for() -> None:
     )
 
 
-@pytest.mark.parametrize("tilt_deg", [0, 20, 50])
-def test_the_tilt_is_told_and_that_its_side_is_not_known(tilt_deg: int) -> None:
-    pose = Pose(position_m=(0.0, 0.0, 1.0), tilt_rad=math.radians(tilt_deg))
-    reading = SIZE.locate(seen_from(pose), CAMERA)
-    assert math.degrees(reading.tilt_rad) == pytest.approx(tilt_deg, abs=0.1)
-    assert reading.ambiguity == 1.0
-    assert reading.systematic_share == 0.0, "both poses are equally far away"
-
-
 def test_the_uncertainty_is_that_of_the_larger_diameter_and_of_the_size() -> None:
     pose = Pose(position_m=(0.0, 0.0, 1.0), tilt_rad=0.7)
     detection = seen_from(pose, sigma_px=0.1)
     assert SIZE.locate(detection, CAMERA).noise_share == pytest.approx(0.1 / detection.width_px, rel=1e-6)
     unsure = measure(detection, replace(SIZE, relative_sigma=0.02), CAMERA, 0.0)
     assert unsure.sigma_m == pytest.approx(unsure.distance_m * math.hypot(0.02, 0.1 / detection.width_px), rel=1e-6)
-
-
-@pytest.mark.parametrize("outline", [np.empty((0, 2)), np.full((20, 2), 100.0)])
-def test_without_an_outline_the_larger_diameter_gives_the_distance(outline) -> None:
-    detection = replace(seen_from(Pose(position_m=(0.1, 0.0, 1.0))), outline_px=outline)
-    reading = SIZE.locate(detection, CAMERA)
-    assert reading.position_m == pytest.approx((0.1, 0.0, 1.0), rel=1e-3)
-    assert reading.tilt_rad is None
-
-
-def test_the_larger_diameter_is_compared_with_the_disc_however_it_is_turned() -> None:
-    for tilt_rad in (0.0, 1.0):
-        seen = replace(seen_from(Pose(position_m=(0, 0, 1), tilt_rad=tilt_rad)), outline_px=np.empty((0, 2)))
-        assert SIZE.locate(seen, CAMERA).position_m[2] == pytest.approx(1.0, rel=0.02)
-
-
-def test_what_to_expect_of_a_disc_follows_from_its_diameter() -> None:
-    assert expect(SIZE, CAMERA, 2.0).size_px == pytest.approx(36.0)
-    assert expect(SIZE, CAMERA, farthest_m(SIZE, CAMERA)).size_px == pytest.approx(12.0)
-
-
-@pytest.mark.parametrize("tilt_deg", [0, 25, 50])
-def test_the_error_is_less_than_a_thousandth(tilt_deg: int) -> None:
-    errors = [abs(error) for error, _ in _errors(range(900, 906), tilt_deg, "clean")]
-    assert len(errors) >= 5
-    assert np.median(errors) < 0.0005
-    assert max(errors) < 0.002
 
 
 @pytest.mark.long
@@ -202,23 +165,6 @@ def test_both_poses_explain_the_same_outline(x, y, z, tilt, towards) -> None:
         assert np.abs(misfit).max() < 1e-5, "the cone is 1 or so a radius outside its rim"
 
 
-@given(**PLACES)
-def test_both_poses_are_turned_away_by_the_same_angle(x, y, z, tilt, towards) -> None:
-    _, found = seen_at(x, y, z, tilt, towards)
-    one, other = found.poses
-    assert one.tilt_rad == pytest.approx(other.tilt_rad, abs=1e-6)
-    assert found.tilt_rad == one.tilt_rad
-    middle = (one.position_m + other.position_m) / 2
-    assert middle / np.linalg.norm(middle) == pytest.approx(found.axis, abs=1e-9)
-
-
-def test_scattered_points_give_the_cone_that_fits_them_best() -> None:
-    pose = Pose(position_m=(0.1, 0.0, 1.0), tilt_rad=0.6)
-    shaken = rim(pose) + np.random.default_rng(4).normal(0, 1e-4, (len(CIRCLE_M), 2))
-    found = circle_poses(cone_through(shaken), DIAMETER_M)
-    assert found.distance_m == pytest.approx(math.hypot(0.1, 1.0), rel=2e-3)
-
-
 @pytest.mark.parametrize(
     "points",
     [
@@ -232,10 +178,6 @@ def test_scattered_points_give_the_cone_that_fits_them_best() -> None:
 )
 def test_points_on_no_ellipse_give_no_cone(points) -> None:
     assert cone_through(points) is None
-
-
-def test_a_cone_that_is_none_has_no_pose() -> None:
-    assert circle_poses(np.diag((1.0, 1.0, 1.0)), DIAMETER_M) is None
 
 
 # The cone around a sphere, from rays that touch it.
@@ -314,10 +256,6 @@ def test_too_few_rays_and_rays_that_form_no_cone_are_refused() -> None:
     assert fit_cone(np.zeros((20, 2)), (0.0, 0.0)) is None
     along_a_line = np.column_stack([np.linspace(-0.1, 0.1, 20), np.zeros(20)])
     assert fit_cone(along_a_line, (0.0, 0.0)) is None
-
-
-def test_a_sphere_beside_the_camera_has_no_outline() -> None:
-    assert math.isinf(SphereCone(axis=(0.995, 0.0, 0.1), sine=0.5, sine_share=1.0).half_across)
 
 
 @given(

@@ -17,12 +17,9 @@ from stadimeter.core.camera_model import CameraModel, LensUncertainty
 from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.ranging.ball import BallShape
-from stadimeter.ranging.flat import CirclesShape, SheetShape, TagShape, UprightShape
+from stadimeter.ranging.flat import SheetShape, TagShape, UprightShape
 from stadimeter.ranging.measure import (
-    DRAWN_SIGMA_PX,
-    DrawnBox,
     SeenTarget,
-    box_size_at,
     direction_sigmas_rad,
     measure,
     separation,
@@ -83,14 +80,6 @@ def test_bearings_are_positive_to_the_right_and_elevations_upwards(camera: Camer
     assert right_and_up.elevation_rad == pytest.approx(math.atan2(1 / 3, math.hypot(1, 0.5)))
 
 
-@given(nearer=st.floats(21, 400), factor=st.floats(1.01, 5.0))
-def test_what_appears_smaller_is_further(camera: CameraModel, seen_sheet: Seen, nearer: float, factor: float) -> None:
-    near = measure(seen_sheet(nearer, nearer * 0.7, (319.5, 239.5)), LETTER, camera, 0.0)
-    far = measure(seen_sheet(nearer / factor, nearer / factor * 0.7, (319.5, 239.5)), LETTER, camera, 0.0)
-    assert far.distance_m == pytest.approx(near.distance_m * factor)
-    assert far.noise_m == pytest.approx(near.noise_m * factor**2)
-
-
 def test_edges_that_all_lie_too_far_out_are_no_noise_and_more_where_colour_is_subsampled(
     camera: CameraModel, seen_sheet: Seen
 ) -> None:
@@ -108,13 +97,6 @@ def test_the_focal_lengths_uncertainty_is_added_in_quadrature_and_is_no_noise(
     measured = measure(seen, LETTER, replace(camera, focal_relative_sigma=0.02), 0.0)
     assert measured.noise_m == pytest.approx(0.01 * measured.distance_m, rel=1e-3)
     assert measured.sigma_m == pytest.approx(math.hypot(0.01, 0.02) * measured.distance_m, rel=1e-3)
-
-
-def test_auto_takes_the_side_that_is_turned_away_the_least(camera: CameraModel, seen_sheet: Seen) -> None:
-    centre = (319.5, 239.5)
-    true_m = 0.2794 * 600 / 220
-    for shortened in ((220 * 0.9, 170), (220, 170 * 0.8)):
-        assert measure(seen_sheet(*shortened, centre), LETTER, camera, 0.0).depth_m == pytest.approx(true_m, rel=1e-3)
 
 
 def test_auto_does_not_care_how_the_sheet_hangs(camera: CameraModel, seen_sheet: Seen) -> None:
@@ -171,18 +153,6 @@ def test_an_edge_bias_that_is_not_known_counts_at_both_edges_and_is_no_noise(
 
 # The formula.
 
-INCH_M = 0.0254
-LENGTHS = st.floats(1e-3, 1e3)
-
-
-def test_the_worked_example() -> None:
-    assert distance_m(541.09, 11 * INCH_M, 170) / INCH_M == pytest.approx(35.0, abs=0.05)
-
-
-@given(apparent_px=LENGTHS, focal_px=LENGTHS, size_m=LENGTHS)
-def test_half_as_large_is_twice_as_far(apparent_px: float, focal_px: float, size_m: float) -> None:
-    assert distance_m(focal_px, size_m, apparent_px / 2) == pytest.approx(2 * distance_m(focal_px, size_m, apparent_px))
-
 
 @pytest.mark.parametrize("wrong", [0.0, -1.0, math.nan, math.inf])
 def test_sizes_that_are_none_are_refused(wrong: float) -> None:
@@ -209,24 +179,6 @@ def test_a_ball_has_its_true_size_whatever_it_is_taken_for(
     assert size.width_m == size.height_m == pytest.approx(0.12, rel=1e-3)
     edges = 0.3 / found.width_px
     assert size.width_sigma_m / size.width_m == pytest.approx(math.hypot(0.01, 0.03 / 1.533, edges), rel=0.02)
-
-
-def test_a_box_is_as_large_as_similar_triangles_say(camera: CameraModel) -> None:
-    box = DrawnBox(camera.cx_px - 60, camera.cy_px - 30, 120, 60)
-    size = box_size_at(box, camera, (2.0, 0.0))
-    assert (size.width_m, size.height_m) == pytest.approx((0.4, 0.2))
-    assert size.width_sigma_m == pytest.approx(math.sqrt(2) * DRAWN_SIGMA_PX / 600 * 2)
-    sure, unsure = (box_size_at(box, replace(camera, focal_relative_sigma=s), (2.0, 0.02)) for s in (0.0, 0.03))
-    assert sure.width_sigma_m < unsure.width_sigma_m
-
-
-def test_aside_the_straight_line_is_longer_than_the_depth(camera: CameraModel) -> None:
-    middle, aside = (
-        DrawnBox(camera.cx_px - 30, camera.cy_px - 30, 60, 60),
-        DrawnBox(camera.cx_px + 220, camera.cy_px - 30, 60, 60),
-    )
-    ahead, beside = (box_size_at(box, camera, (2.0, 0.02)).width_m for box in (middle, aside))
-    assert beside == pytest.approx(ahead / math.hypot(1, 250 / 600), rel=1e-3)
 
 
 # How far two targets are apart, and how sure that and their directions are.
@@ -305,14 +257,6 @@ def test_a_common_error_of_the_focal_length_hardly_moves_targets_beside_each_oth
     assert shares[1] == pytest.approx(0.05, abs=0.015)
 
 
-def test_without_two_measurements_there_is_none() -> None:
-    one = seen_tag(PLACES_M[0], LENS, np.random.default_rng(0))
-    gone = Detection(target="tag", status=DetectionStatus.NOT_FOUND, reason="no tag")
-    other = SeenTarget(detection=gone, measurement=measure(gone, TAG, LENS, 0.0), shape=TAG)
-    assert separation(one, other, LENS) is None
-    assert direction_sigmas_rad(other, LENS) is None
-
-
 # What a standard deviation is made up of.
 
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
@@ -359,11 +303,6 @@ def test_what_is_left_is_the_pose() -> None:
     assert parts.pose_m == pytest.approx(0.04)
 
 
-def test_without_a_distance_there_is_nothing_to_divide() -> None:
-    missed = Measurement(target="ball", status=MeasurementStatus.NOT_FOUND, captured_at_s=0.0, reason="no blob")
-    assert sigma_parts(missed, BallShape(diameter_m=0.1), CAMERA) is None
-
-
 # What a camera and a target can do at a distance is known before anything is bought.
 
 TENNIS = BallShape(diameter_m=0.067)
@@ -377,37 +316,9 @@ def test_a_tennis_ball_at_ten_metres_is_four_pixels_wide() -> None:
     assert not expected.is_reliable
 
 
-def test_three_circles_are_as_large_as_one_of_them() -> None:
-    mark = CirclesShape(diameter_m=0.05, spacing_m=0.1)
-    assert expect(mark, CAMERA, 3.0).size_px == pytest.approx(10.0, rel=1e-3), "each disc must be found"
-
-
-def test_a_sheet_is_as_small_as_its_shorter_side() -> None:
-    assert expect(PAPER, CAMERA, 2.0).size_px == pytest.approx(63.0)
-
-
-def test_a_ball_appears_as_large_as_its_outline(seen_ball: Callable[..., Detection]) -> None:
-    seen = seen_ball((0.0, 0.0, 0.3), 0.1)
-    assert expect(BallShape(diameter_m=0.2), CAMERA, 0.3).size_px == pytest.approx(seen.width_px, rel=1e-3)
-
-
-@given(size=st.sampled_from([TENNIS, PAPER]), distance_m=st.floats(0.3, 20.0))
-def test_further_away_is_smaller_and_less_sure(size: TargetShape, distance_m: float) -> None:
-    near, far = expect(size, CAMERA, distance_m), expect(size, CAMERA, 1.5 * distance_m)
-    assert far.size_px < near.size_px
-    assert far.sigma_m > 2 * near.sigma_m
-
-
 @given(size=st.sampled_from([TENNIS, PAPER]), size_px=st.floats(5, 200))
 def test_the_farthest_distance_is_where_the_size_is_reached(size: TargetShape, size_px: float) -> None:
     assert expect(size, CAMERA, farthest_m(size, CAMERA, size_px)).size_px == pytest.approx(size_px)
-
-
-def test_an_unsure_focal_length_makes_the_distance_unsure_but_not_noisy() -> None:
-    unsure = replace(CAMERA, focal_relative_sigma=0.1)
-    expected = expect(PAPER, unsure, 2.0)
-    assert expected.sigma_m == pytest.approx(0.2, rel=0.01)
-    assert expected.noise_m == expect(PAPER, CAMERA, 2.0).noise_m == expect(PAPER, CAMERA, 2.0).sigma_m
 
 
 @pytest.mark.parametrize("distance_m", [0.0, -1.0, math.nan, math.inf])

@@ -82,19 +82,6 @@ def test_exact_corners_give_the_exact_place_on_a_grid_of_6240_poses() -> None:
     assert worst_share_off([2.0, 4.0], [0.5, 0.8, 1.1], 12, [0.6, math.pi / 2]) < 1e-4
 
 
-def test_the_tilt_is_told() -> None:
-    for tilt in (0.0, 0.3, 1.0):
-        reading = SIZE.locate(seen_from(Pose(position_m=(0, 0, 1), tilt_rad=tilt)), CAMERA)
-        assert reading.tilt_rad == pytest.approx(tilt, abs=1e-3)
-
-
-def test_a_named_side_decides_alone() -> None:
-    seen = seen_from(Pose(position_m=(0, 0, 1)))
-    for height_m in (0.21, 0.05, 3.0):
-        size = SheetShape(width_m=SIZE.width_m, height_m=height_m, known_side="width")
-        assert size.locate(seen, CAMERA).position_m[2] == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize("known_side", ["width", "height"])
 def test_the_turn_of_a_sheet_with_a_named_side_is_corrected_and_leaves_a_doubt(known_side: str) -> None:
     size = SheetShape(width_m=SIZE.width_m, height_m=SIZE.height_m, known_side=known_side)
@@ -104,14 +91,6 @@ def test_the_turn_of_a_sheet_with_a_named_side_is_corrected_and_leaves_a_doubt(k
     )
     assert [each.position_m[2] for each in (facing, *turned)] == pytest.approx([1.0] * 3, rel=2e-3)
     assert max(each.systematic_share for each in turned) > facing.systematic_share + 0.03
-
-
-def test_a_sheet_that_is_farther_or_less_sharp_is_less_sure() -> None:
-    shares = [
-        SIZE.locate(seen_from(Pose(position_m=(0, 0, z), tilt_rad=0.4), sigma_px), CAMERA).noise_share
-        for z, sigma_px in ((1, 0.05), (1, 0.2), (3, 0.2))
-    ]
-    assert shares[0] < shares[1] < shares[2]
 
 
 @settings(max_examples=20)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import Struct
 from msgspec.structs import replace
@@ -216,26 +216,6 @@ def test_exact_readings_give_exactly_the_scale_and_the_offset(scale: float, offs
     assert fit.bias_m(2.5)[0] == pytest.approx(2.5 * scale + offset_m, abs=1e-9)
 
 
-@given(order=st.permutations(range(len(PLACES_M))), noise_m=st.floats(0.0, 0.02))
-@settings(max_examples=20)
-def test_the_order_in_which_distances_were_measured_does_not_matter(order: list[int], noise_m: float) -> None:
-    read = [
-        replace(each, read_m=each.read_m + 0.001 * (-1) ** at)
-        for at, each in enumerate(placements(0.02, 0.01, noise_m))
-    ]
-    fit, other = fit_site(read), fit_site([read[at] for at in order])
-    assert (other.scale, other.offset_m, other.scale_sigma) == pytest.approx((fit.scale, fit.offset_m, fit.scale_sigma))
-    assert find_reach([read[at] for at in order], other).reliable_m == pytest.approx(find_reach(read, fit).reliable_m)
-
-
-@given(times=st.floats(1.5, 10.0))
-@settings(max_examples=20)
-def test_a_worse_tape_makes_nothing_surer(times: float) -> None:
-    worse = [replace(each, tape_sigma_m=times * each.tape_sigma_m) for each in placements()]
-    assert fit_site(worse).scale_sigma > fit_site(placements()).scale_sigma
-    assert fit_site(worse).offset_sigma_m > fit_site(placements()).offset_sigma_m
-
-
 def test_the_zero_of_the_tape_widens_the_offset_and_not_the_scale() -> None:
     fit = fit_site([replace(each, read_sigma_m=0.0) for each in placements()])
     assert fit.offset_sigma_m > 0.002
@@ -293,12 +273,6 @@ def test_a_target_that_moved_meanwhile_is_refused() -> None:
         read_placement(UNREAD, seen([1.0] * 20 + [1.02] * 20), 0.1)
 
 
-def test_a_target_that_is_seen_in_a_third_of_frames_is_not_read() -> None:
-    rare = replace(UNREAD, found=13)
-    assert read_placement(rare, seen([1.0] * 13), 0.1) == rare
-    assert not rare.is_read
-
-
 def test_noise_with_a_memory_leaves_the_median_less_sure() -> None:
     rng = np.random.default_rng(9)
     fresh = rng.normal(0, 0.001, 400)
@@ -309,11 +283,6 @@ def test_noise_with_a_memory_leaves_the_median_less_sure() -> None:
     sure, unsure = (read_placement(many, seen((1 + each).tolist(), 1e-6), 0.1) for each in (fresh, slow))
     # (1 + r) / (1 - r) = 9 for r = 0.8: three times the standard deviation of independent readings.
     assert unsure.read_sigma_m / unsure.spread_m == pytest.approx(3 * sure.read_sigma_m / sure.spread_m, rel=0.3)
-
-
-def test_noise_between_placements_goes_by_the_square_of_the_distance() -> None:
-    assert noise_at_m(placements(noise_m=0.003), 2.5) == pytest.approx(0.003 * 2.5**2)
-    assert noise_at_m(placements(noise_m=0.003), 8.0) == pytest.approx(0.003 * 64)
 
 
 def test_the_smallest_error_that_is_found_is_what_leaves_the_interval_in_95_of_100_cases() -> None:

@@ -151,12 +151,6 @@ def test_the_cookie_is_for_us_alone(stranger):
     assert "; secure" in behind_tls.headers["set-cookie"].lower()
 
 
-def test_the_session_says_what_one_may_do(reader):
-    told = reader.get("/api/v1/session").data
-    assert (told["right"], told["needs_password"]) == ("read", True)
-    assert (told["run"]["is_running"], told["run"]["words"]) == (False, "Nothing is set up yet.")
-
-
 @pytest.mark.parametrize(("password", "is_shown"), [(READ, False), (OPERATE, True)])
 def test_process_numbers_and_folders_are_for_those_alone_who_may_operate(stranger, monkeypatch, password, is_shown):
     async def about():
@@ -244,10 +238,6 @@ def test_a_new_password_ends_what_is_being_watched(tmp_path, monkeypatch):
         PasswordFile(site.page.access.file.path).set("operate", "another horse")
         assert len(stream.read(10 * len(message))) < 10 * len(message)  # it has ended
         connection.close()
-
-
-def test_logging_out_takes_the_cookie_away(operator):
-    assert "max-age=0" in operator.ask("POST", "/logout").headers["set-cookie"].lower()
 
 
 def copied(site):
@@ -384,10 +374,6 @@ def test_every_answer_has_the_headers_that_protect_it(stranger, path):
     assert headers["cache-control"] in {"no-store", "no-cache"}
     assert "unsafe" not in headers["content-security-policy"]
     assert "server" not in headers
-
-
-def test_nothing_answers_to_a_head(operator):
-    assert operator.ask("HEAD", "/api/v1/live").status == 405
 
 
 @pytest.mark.parametrize(("path", "most"), [("/login", 4096), ("/api/v1/world", 65536), ("/api/v1/setup/back", 262144)])

@@ -13,7 +13,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.app.live.metrics import STALE_S
-from stadimeter.core.decision import Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
+from stadimeter.core.decision import Event, EventKind, RuleStatus, RuleTrace, Severity
 from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.observation import FrameStamp, OutputFault
 from stadimeter.web import page
@@ -101,12 +101,6 @@ def test_it_says_what_the_newest_cycle_found(run, site):
     assert found["stadimeter_processor_temperature_celsius",] == 81.5
     assert found["stadimeter_processor_throttled", "under-voltage"] == 1
     assert found["stadimeter_frame_age_seconds",] == pytest.approx(0.034)
-
-
-def test_exactly_one_mode_of_safety_is_the_one(run, site):
-    for mode in SafetyMode:
-        found = fresh(run, site, safety=mode)
-        assert [key[1] for key, value in found.items() if key[0] == "stadimeter_safety_mode" and value] == [mode.value]
 
 
 def test_a_rule_that_cannot_be_judged_is_not_called_inactive(run, site):

@@ -22,7 +22,6 @@ from stadimeter.web.passwords import (
     TURN_MAX_S,
     Attempts,
     PasswordFile,
-    place_of_passwords,
 )
 from stadimeter.web.routes import Right
 from support.page import OPERATE, READ, quicken
@@ -97,10 +96,6 @@ def test_a_file_that_is_none_lets_nobody_in(file, text):
 
 def test_the_hash_costs_what_is_recommended():
     assert SCRYPT["n"] * SCRYPT["r"] * SCRYPT["p"] >= 2**14 * 8 * 5
-
-
-def test_the_passwords_are_beside_the_configuration(tmp_path):
-    assert place_of_passwords(tmp_path / "room.toml") == tmp_path / "room.passwords"
 
 
 def test_the_command_asks_twice_and_shows_nothing(tmp_path):
@@ -178,11 +173,6 @@ def test_what_went_wrong_a_day_ago_counts_no_more(attempts, clock):
     assert [wait_s(attempts) for _ in range(FREE + 1)][-1] == 10
     clock.now_s += 10 + FORGOTTEN_S + 1
     assert [wait_s(attempts) for _ in range(FREE + 1)] == [0] * FREE + [10]
-
-
-def test_another_address_need_not_wait(attempts):
-    assert [wait_s(attempts) for _ in range(FREE + 1)][-1]
-    assert wait_s(attempts, "192.168.1.8") == 0
 
 
 def test_all_addresses_of_one_network_of_version_6_count_as_one(attempts):

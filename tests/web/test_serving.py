@@ -73,11 +73,6 @@ def test_a_folder_is_no_configuration(folder):
     assert (done.returncode, f"{folder} is a folder" in done.stderr) == (2, True)
 
 
-def test_a_configuration_is_named(tmp_path):
-    done = typed("web", "--password-file", tmp_path / "words")
-    assert (done.returncode, "name the CONFIG" in done.stderr) == (2, True)
-
-
 def test_without_the_extra_the_command_names_what_installs_it(tmp_path):
     code = f"""
 import sys
