@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from itertools import groupby, pairwise
+from itertools import groupby
 
 import pytest
-from gpiozero.pins.mock import MockFactory, MockPin
+from gpiozero.pins.mock import MockFactory
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
@@ -25,7 +25,6 @@ from stadimeter.actuators.protocol import Actuator
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.rule import Pattern
-from stadimeter.gpio.output_pin import SHARED_KEY
 from stadimeter.testing.rig import ManualClock
 from support.each_case import each_case
 
@@ -52,20 +51,6 @@ def edges_s(buzzer: GpiozeroBuzzer, factory: MockFactory, clock: ManualClock, se
     return edges
 
 
-def test_a_low_level_beeps_once_a_second(context: DriverContext, factory: MockFactory, clock: ManualClock) -> None:
-    buzzer = make(context)
-    assert buzzer.apply(command(1e-9)) == command(1e-9)
-    assert factory.pin(23).state == 1.0
-    assert edges_s(buzzer, factory, clock, 2.5) == [0.06, 1.0, 1.06, 2.0, 2.06]
-
-
-def test_a_higher_level_beeps_faster(context: DriverContext, factory: MockFactory, clock: ManualClock) -> None:
-    buzzer = make(context)
-    buzzer.apply(command(0.5))
-    begins_s = [0.0, *edges_s(buzzer, factory, clock, 1.0)[1::2]]
-    assert [later - at_s for at_s, later in pairwise(begins_s)] == pytest.approx([0.32] * 3, abs=0.021)
-
-
 def test_a_steady_buzzer_sounds_at_any_level_above_zero(
     context: DriverContext, factory: MockFactory, clock: ManualClock
 ) -> None:
@@ -88,14 +73,6 @@ def test_a_stop_in_the_middle_of_a_beep_is_forgotten_by_the_next_command(
     clock.advance_s(0.02)
     buzzer.apply(command(0.2))
     assert factory.pin(23).state == 1.0, "a beep that was cut off does not count"
-
-
-def test_a_buzzer_needs_no_pulses(clock: ManualClock) -> None:
-    context = DriverContext(name="buzzer", clock=clock)
-    factory = context.share(SHARED_KEY, lambda: MockFactory(pin_class=MockPin))
-    buzzer = make(context)
-    buzzer.apply(command(1.0))
-    assert factory.pin(23).state is True
 
 
 @each_case(
@@ -124,14 +101,6 @@ def listen(pattern: BeepPattern, levels: list[float], tick_s: float = TICK_S) ->
     return [pattern.sounds(level, index * tick_s) for index, level in enumerate(levels)]
 
 
-def test_level_zero_is_silent() -> None:
-    assert not any(listen(make_pattern(), [0.0] * 500))
-
-
-def test_level_one_sounds_without_a_break() -> None:
-    assert all(listen(make_pattern(), [1.0] * 500))
-
-
 @pytest.mark.parametrize(("level", "expected"), [(1e-9, 10), (0.5, 32), (1 - 1e-9, 100)])
 def test_the_rate_goes_from_the_slowest_to_the_fastest_in_equal_ratios(level: float, expected: int) -> None:
     sounding = listen(make_pattern(), [level] * 500)  # for 10 s; 32 is 10 s over 1 s times the square root of a tenth
@@ -142,12 +111,6 @@ def test_beeps_come_at_their_times_to_the_tick() -> None:
     pattern = make_pattern()
     at_ms = [ms for ms in range(3000) if pattern.sounds(1e-12, ms / 1000)]
     assert at_ms == [*range(50), *range(1000, 1050), *range(2000, 2050)]
-
-
-def test_late_ticks_do_not_slow_the_beeping_down() -> None:
-    pattern = make_pattern()
-    sounding = [pattern.sounds(1e-12, index * 0.023) for index in range(4348)]  # 100 s
-    assert beeps(sounding) == pytest.approx(100, abs=1)
 
 
 def test_a_beep_that_fell_into_a_long_gap_between_ticks_is_made_up_for() -> None:
@@ -166,41 +129,12 @@ def test_a_level_that_changes_all_the_time_neither_cuts_a_beep_short_nor_starves
     assert {len(run) for run in runs[:-1]} <= {2, 3}  # a beep of 50 ms is on for two or three ticks
 
 
-def test_the_first_level_above_zero_beeps_at_once() -> None:
-    pattern = make_pattern()
-    listen(pattern, [0.1] * 20)
-    assert not pattern.sounds(0.0, 0.5)
-    assert pattern.sounds(0.1, 0.52)
-
-
-def test_a_rising_level_brings_the_next_beep_forward() -> None:
-    pattern = make_pattern()
-    assert pattern.sounds(1e-9, 0.0)
-    assert not pattern.sounds(1e-9, 0.3)
-    assert pattern.sounds(0.9, 0.32)
-
-
-def test_leaving_the_full_level_goes_over_into_beeps() -> None:
-    sounding = listen(make_pattern(), [1.0] * 50 + [0.9] * 100)
-    assert all(sounding[:50])
-    assert not all(sounding[50:56])
-    assert beeps(sounding[50:]) == pytest.approx(2.0 / 0.126, abs=2)
-
-
 @pytest.mark.long
 @given(levels=st.lists(st.floats(0.01, 1.0), min_size=60, max_size=200))
 def test_whatever_the_level_does_above_zero_it_sounds_at_least_once_in_the_slowest_period(levels: list[float]) -> None:
     sounding = listen(make_pattern(), levels)
     window = round(1.0 / TICK_S) + 1
     assert all(any(sounding[start : start + window]) for start in range(len(sounding) - window + 1))
-
-
-@given(levels=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=100))
-def test_asking_twice_for_one_time_gives_the_same_answer(levels: list[float]) -> None:
-    once, twice = make_pattern(), make_pattern()
-    for index, level in enumerate(levels):
-        first = twice.sounds(level, index * TICK_S)
-        assert twice.sounds(level, index * TICK_S) == first == once.sounds(level, index * TICK_S)
 
 
 # What the real drivers make of a pattern of levels, commanded at 30 frames a second and ticked every 20 ms.
@@ -285,11 +219,6 @@ def states(factory: MockFactory) -> list[float]:
     return [state for _, state in factory.pin(18).states]
 
 
-@each_case(("level", "percent"), [(0.0, 0), (1e-9, 40), (0.02, 40), (0.25, 54), (0.5, 70), (0.99, 99), (1.0, 100)])
-def test_levels_above_zero_are_spread_over_the_duties_from_the_weakest_to_full(level: float, percent: int) -> None:
-    assert DutySteps(0.4).percent(level) == percent
-
-
 @given(minimum=st.floats(0.001, 1.0), level=st.floats(0.0, 1.0))
 def test_a_duty_stands_for_the_level_nearest_to_the_one_that_was_asked_for(minimum: float, level: float) -> None:
     steps = DutySteps(minimum)
@@ -355,13 +284,6 @@ def test_level_zero_in_the_middle_of_a_kick_stands_still_and_the_next_start_is_k
     clock.advance_s(0.07)
     motor.tick(clock.now_s())
     assert states(factory) == [0.0, 1.0, 0.0, 1.0]
-
-
-def test_the_frequency_is_the_configured_one(context: DriverContext, factory: MockFactory) -> None:
-    motor = make_motor(context, frequency="2 kHz")
-    assert factory.pin(18).frequency == 2000.0
-    motor.close()
-    assert factory.pin(18).frequency is None
 
 
 @each_case(
@@ -440,8 +362,3 @@ def test_a_relay_is_switched_by_a_low_pin_unless_told_otherwise(context: DriverC
 def test_options_that_would_have_no_effect_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         LedOptions.model_validate({"pin": 24, **wrong})
-
-
-def test_a_relay_cannot_be_dimmed() -> None:
-    with pytest.raises(ValidationError):
-        RelayOptions.model_validate({"pin": 24, "dimmed": True})

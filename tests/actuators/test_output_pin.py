@@ -10,7 +10,7 @@ from types import ModuleType
 
 import gpiozero
 import pytest
-from gpiozero.pins.mock import MockFactory, MockPin, MockPWMPin
+from gpiozero.pins.mock import MockFactory, MockPin
 
 from stadimeter.config.plugins import DriverContext
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, DriverUnavailableError
@@ -211,17 +211,6 @@ def test_a_pi_whose_pins_cannot_be_opened_names_the_device_and_the_group(
     open_pin_factory().close()
     lgpio().chips.clear()
     with pytest.raises(DeviceOpenError, match=r"can not open gpiochip.*/dev/gpiochip0.*group gpio"):
-        open_pin_factory()
-
-
-def test_mock_pins_can_be_dimmed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("GPIOZERO_PIN_FACTORY", "mock")
-    assert open_pin_factory().pin_class is MockPWMPin
-
-
-def test_a_library_that_is_not_known_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("GPIOZERO_PIN_FACTORY", "pigpio")
-    with pytest.raises(DeviceOpenError, match=r"GPIOZERO_PIN_FACTORY=pigpio.*unset the variable"):
         open_pin_factory()
 
 

@@ -394,12 +394,6 @@ def test_what_can_be_no_state_file_is_refused_without_waiting_for_it(path, make,
     assert list(path.parent.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("name", ["x" * 300, "x" * 250, "under/" * 1000 + "x"])
-def test_a_name_that_is_too_long_is_told_plainly(tmp_path, name):
-    with pytest.raises(StateError, match=r"cannot be (used|written)"):
-        AlarmStore(tmp_path / name).open()
-
-
 def test_a_file_is_known_as_ours_from_its_first_write_on(path, store):
     store.write(remembered(NEAR))
     assert kind_of(path) is Kind.OURS  # though all of it is still in the log

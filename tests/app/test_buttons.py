@@ -248,15 +248,3 @@ def test_presses_operate_the_alarms_of_a_run_and_replay_from_its_journal(tmp_pat
     result = replay(read_journal(tmp_path / "run.jsonl"), configuration.plan)
     assert result.identical == result.cycles
     assert result.events == result.recorded_events
-
-
-def test_trouble_with_a_button_is_told_by_the_run(tmp_path):
-    path = tmp_path / "run.toml"
-    path.write_text(RUN.replace('for = "3 s"', 'for = "60 s"'))
-    loop = Loop(build(load_configuration(path), speed=None))
-    told = set()
-    loop.listeners.append(lambda record, _: told.add((record.observation.now_s > 12.1, loop.trouble())))
-    loop.run(Limits(seconds=15.0))
-    assert (False, "") in told
-    (late,) = {words for is_late, words in told if is_late}
-    assert late.startswith("button front: it is held down")

@@ -104,14 +104,6 @@ def test_the_documentation_shows_the_real_form():
     assert len(pose.sigmas) == 6
 
 
-def test_a_pose_that_is_not_known_is_told_as_null_with_the_reason():
-    (_, (_, payload)) = told([*[POSE] * 3, CameraPose(captured_at_s=0.3, reason="no tag")])
-    assert payload["x_m"] is None
-    assert payload["orientation"] is None
-    assert payload["covariance"] is None
-    assert payload["reason"] == "no tag"
-
-
 def test_where_a_picture_was_taken_is_json_and_goes_on_after_a_bad_picture(room):
     files = [str(room / name) for name in ("room.png", "empty.png", "missing.png")]
     result = CliRunner().invoke(app, ["measure", *files, "--where", "--config", str(room / "room.toml"), "--json"])

@@ -113,23 +113,6 @@ def test_a_task_beside_a_stepped_clock_sleeps_in_the_order_of_time_and_holds_not
     assert calls[4:] == [("guard", 0.75), ("done", 0.75), ("guard", 1.0)]
 
 
-def test_a_task_beside_a_stepped_clock_may_be_started_by_a_callback_and_start_another():
-    clock, calls = ManualClock(), []
-
-    def first():
-        clock.run_beside(lambda: calls.append(clock.now_s()))
-        clock.sleep_until_s(5.0)
-        calls.append(clock.now_s())
-
-    def once(_now_s):
-        cancel()
-        clock.run_beside(first)
-
-    cancel = clock.call_every(1.0, once)
-    clock.advance_s(10)
-    assert calls == [1.0, 5.0]
-
-
 @pytest.mark.parametrize("make_clock", [MonotonicClock, ManualClock])
 def test_a_task_that_is_no_longer_wanted_ends_at_its_next_sleep_and_cleans_up(make_clock):
     clock, began, cleaned_up = make_clock(), threading.Event(), threading.Event()
@@ -149,10 +132,3 @@ def test_a_task_that_is_no_longer_wanted_ends_at_its_next_sleep_and_cleans_up(ma
     if isinstance(clock, ManualClock):
         clock.advance_s(3600)
     assert cleaned_up.wait(120)
-
-
-def test_a_task_that_was_ended_before_it_began_does_nothing():
-    clock, calls = ManualClock(), []
-    clock.run_beside(lambda: calls.append("ran"))()
-    clock.advance_s(1)
-    assert calls == []

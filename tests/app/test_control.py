@@ -134,15 +134,6 @@ def test_what_cannot_be_done_is_refused_in_words(desk):
     assert "nera" in desk.said('{"op": "ack", "args": {"rule": "nera"}}').error
 
 
-def test_several_commands_in_one_cycle_each_get_their_own_answer(desk):
-    desk.cycle()
-    desk.ask('{"op": "take-out", "args": {"rule": "near"}}')
-    desk.ask('{"op": "put-back", "args": {"rule": "nearer"}}')
-    desk.cycle()
-    assert desk.reply().error == ""
-    assert desk.reply().error != ""
-
-
 def test_the_status_tells_what_every_rule_does_and_why(desk):
     for _ in range(3):
         desk.cycle(0.6)

@@ -103,15 +103,6 @@ def test_a_refusal_is_an_error_in_words(control, client):
     assert client.answer() == {"transaction": 8, "status": "error", "error": "it is not latched"}
 
 
-def test_several_requests_on_one_connection_are_answered_one_after_the_other(control, client):
-    for number in range(3):
-        client.send({"transaction": number, "op": "status"})
-    for number in range(3):
-        (asked,) = taken(control)
-        asked.answer(Reply(number))
-        assert client.answer() == {"transaction": number, "status": "ok", "data": number}
-
-
 def test_whoever_has_said_all_still_gets_the_answer(control, client):
     client.send({"transaction": 1, "op": "status"})
     client.socket.shutdown(socket.SHUT_WR)
@@ -161,13 +152,6 @@ def test_a_line_of_a_megabyte_ends_its_connection_and_no_other(control, client, 
 def test_half_a_line_waits_for_its_other_half(client):
     client.send(b'{"op": "he')
     assert client.ask(b'llo"}\n')["status"] == "ok"
-
-
-def test_half_a_line_and_the_end_is_nothing(control, client):
-    client.send(b'{"op": "ack"')
-    client.socket.shutdown(socket.SHUT_WR)
-    assert client.answer() is None
-    assert control.take() == []
 
 
 def test_two_hundred_idle_connections_lock_nobody_out(control, connect):

@@ -199,22 +199,7 @@ def test_a_rule_is_available_only_while_it_is_known_and_a_target_while_the_camer
     assert needs("presence_ball") == ["availability", "camera/state"]
 
 
-def test_the_reason_is_an_attribute_of_the_rule(message):
-    component = message["components"]["rule_near"]
-    state = {key: f"its {key}" for key in ("reason", "status", "since", "acknowledged", "latched", "first_out")}
-    state |= {"inhibits": ["shelved"], "chattering": False, "data_lost": False, "v": 1, "ts": "now"}
-    environment = jinja2.Environment()  # noqa: S701 - no page is made of it
-    attributes = json.loads(environment.from_string(component["json_attributes_template"]).render(value_json=state))
-    assert attributes == {key: value for key, value in state.items() if key not in {"v", "ts"}}
-    assert component["json_attributes_topic"] == component["state_topic"]
-
-
 @each_case("value", ["home assistant", "/ha", "ha/#", "", "ha/"])
 def test_a_prefix_that_can_be_no_topic_is_refused(value):
     with pytest.raises(ValueError, match="not a topic"):
         MqttOptions.model_validate({"discovery_prefix": value})
-
-
-def test_it_is_on_unless_it_is_switched_off():
-    assert MqttOptions(node="it").discovery_place == PLACE
-    assert MqttOptions(node="it", home_assistant=False).discovery_place is None

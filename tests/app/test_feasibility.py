@@ -45,12 +45,6 @@ def test_a_rule_on_ten_metres_with_a_tennis_ball_is_told_its_four_pixels_and_wha
     assert (small.key, small.line) == ("rules.far.when", 17)
 
 
-def test_the_larger_end_of_a_ramp_counts(tmp_path):
-    (small,) = warnings(tmp_path, 'ramp = { from = "1 m", to = "8 m" }')
-    assert "at 8.00 m" in small.message
-    assert small.key == "rules.far.ramp"
-
-
 def test_a_deadband_in_which_the_noise_leaves_no_end_is_told(tmp_path):
     (noisy,) = warnings(tmp_path, 'when = { above = "3 m", deadband_sigmas = 60 }')
     assert "at 3.00 m (9.8 ft) the distance differs by ± 0.03 m from frame to frame" in noisy.message
@@ -68,13 +62,6 @@ def test_limits_between_which_a_distance_is_never_likely_enough_to_be_are_told(t
     assert "with a probability of 64% at most, and 70% is asked for: this may never begin" in narrow.message
     assert warnings(tmp_path, 'when = { between = ["1 m", "1.2 m"] }') == ()
     assert warnings(tmp_path, 'when = { between = ["1 m", "1.2 m"], probability = "none" }', sigma=0.1) == ()
-
-
-@pytest.mark.parametrize(
-    "rule", ['when = { above = "2 m" }', "when = { seen = true }", 'ramp = { from = "1 m", to = "3 m" }']
-)
-def test_what_can_be_done_gives_no_warning(tmp_path, rule):
-    assert warnings(tmp_path, rule) == ()
 
 
 @pytest.mark.parametrize("name", ["appliance", "follow-ball", "distance-alert", "demo"])

@@ -133,18 +133,6 @@ def test_a_journal_of_a_later_format_is_refused(tmp_path):
         read_journal(path)
 
 
-def test_a_missing_journal_or_a_directory_is_refused(tmp_path):
-    with pytest.raises(JournalError, match="there is no such file"):
-        read_journal(tmp_path / "none.jsonl")
-    with pytest.raises(JournalError, match="it is a folder"):
-        read_journal(tmp_path)
-
-
-def test_a_journal_that_cannot_be_written_is_refused_at_once(tmp_path):
-    with pytest.raises(JournalError, match="No such file or directory"):
-        JournalWriter(tmp_path / "no folder" / "run.jsonl", RecordedConfiguration(text=""))
-
-
 def a_record():
     decision = Rehearsal(Plan(targets=("ball",))).see(2.0)
     return CycleRecord(observation=Observation(now_s=1.0), decision=decision, applied=(), timings_s={})

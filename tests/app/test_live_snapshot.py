@@ -105,13 +105,6 @@ def test_the_figures_are_those_of_the_cycle_and_the_outline_lies_where_the_ball_
     assert target["thresholds_m"] == sorted(target["thresholds_m"])
 
 
-def test_before_the_first_cycle_there_is_little_to_tell_and_that_is_told():
-    data = as_data(LiveFeed(SteppedClock()))
-    assert (data["frame"], data["targets"], data["rules"]) == (None, [], [])
-    assert data["safety"]["mode"] == "starting"
-    assert data["health"]["notes"][0] == {"what": "camera", "words": "no picture yet", "is_good": False}
-
-
 def test_what_is_no_number_is_null():
     feed = LiveFeed(SteppedClock())
     broken = Detection(
@@ -233,12 +226,6 @@ def test_a_pi_says_how_warm_it_is_and_what_throttles_it(tmp_path):
     assert "supply and heat" not in words_of(LiveHealth(board=board(tmp_path).state()))
 
 
-def test_a_computer_that_says_nothing_of_itself_is_no_trouble(tmp_path):
-    state = Board(folder=tmp_path / "gone", root=tmp_path, clock=lambda: 0.0).state()
-    assert state == BoardState()
-    assert {note.what for note in LiveHealth(board=state).notes} == {"camera", "dropped frames"}
-
-
 def test_a_picture_that_is_old_a_disk_that_is_full_and_a_broker_that_is_away_are_not_good():
     health = LiveHealth(
         frame_rate_hz=0.0,
@@ -252,14 +239,6 @@ def test_a_picture_that_is_old_a_disk_that_is_full_and_a_broker_that_is_away_are
     assert words["disk"] == ("1 MB free", False)
     assert words["broker"] == ("the broker is away", False)
     assert not words_of(replace(health, frame_age_s=0.03, broker="connected"))["trouble"][1]
-
-
-def test_frames_that_no_cycle_took_are_counted():
-    feed = LiveFeed(SteppedClock())
-    for sequence in (0, 1, 4, 5, 9):
-        feed.history.add(cycle_record(sequence / 100 + 0.001), None)
-    assert feed.snapshot().health.dropped_frames == 5
-    assert words_of(feed.snapshot().health)["dropped frames"][0] == "5 since the start"
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from stadimeter.app.clock import TimeOfDay, wall_time
+from stadimeter.app.clock import wall_time
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.sun import sun_times_s
 from stadimeter.core.observation import MonthDay
@@ -69,12 +69,3 @@ def test_a_place_has_the_time_of_its_zone_and_no_sun_unless_a_rule_asks(configur
     assert (plain.sunrise_s, plain.sunset_s) == (None, None)
     by_sun = wall_time(now, configuration_with("['sunset', 'sunrise']", place))
     assert by_sun.sunrise_s == pytest.approx(3600 * 4.72, abs=120)
-
-
-def test_a_run_shows_the_time_of_its_place(configuration_with):
-    configuration = configuration_with("['22:00', '06:00']", "time_zone = 'Asia/Tokyo'")
-    noon = datetime(2026, 6, 21, 12, tzinfo=UTC)
-    shown = TimeOfDay(
-        is_live=True, now=lambda: noon, is_right=lambda: True, shown=lambda now: wall_time(now, configuration)
-    )
-    assert shown.at(0.0).second_of_day == 21 * 3600.0

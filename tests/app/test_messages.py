@@ -152,13 +152,6 @@ def test_what_was_held_back_is_told_at_the_end():
     assert listener.reporter.last_messages(LATER) == ()
 
 
-def test_targets_do_not_wait_for_each_other():
-    listener = Listener()
-    cup = Track(target="cup", status=TrackStatus.TRACKING, distance_m=1.0)
-    listener.cycle(ball())
-    assert [message.topic for message in listener.cycle(ball(distance_m=3.0), cup)] == ["target/cup/state"]
-
-
 @given(
     steps=st.lists(
         st.tuples(
@@ -250,14 +243,6 @@ def test_a_rule_is_told_when_it_changes_and_not_when_only_its_figures_do():
         "since": LATER,
         "reason": "2.00 m is not below 0.50 m",
     }
-
-
-def test_a_rule_that_is_on_its_way_to_clear_is_still_active_since_it_was_raised():
-    listener = Listener()
-    listener.decided(decision(rules=[near(RuleStatus.ACTIVE)], events=[happened(EventKind.RAISED)]))
-    listener.decided(decision(rules=[near(RuleStatus.CLEARING)]), step_s=1.0, wall_clock=LATER)
-    payload = listener.payloads[-1]
-    assert (payload["status"], payload["active"], payload["since"], payload["ts"]) == ("clearing", True, NOON, LATER)
 
 
 def test_an_alarm_that_lost_its_target_stands_and_says_that_it_is_blind():

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from stadimeter.app.control.messages import FrameArgs, Reply
-from stadimeter.app.control.mqtt_requests import AGE_MAX_S, OFFERS, PICTURE_MAX_BYTES, WAITING_MAX, MqttRequests
+from stadimeter.app.control.mqtt_requests import AGE_MAX_S, PICTURE_MAX_BYTES, WAITING_MAX, MqttRequests
 from stadimeter.cli.operate import _commands_lines
 from stadimeter.messaging.protocol import CommandLevel, RequestMessage
 from stadimeter.testing.rig import eventually
@@ -72,10 +72,6 @@ class Desk:
 @pytest.fixture
 def desk() -> Desk:
     return Desk()
-
-
-def test_a_topic_is_listened_to_for_each_offer(desk):
-    assert set(desk.messenger.topics) == {f"request/{name}" for name in OFFERS}
 
 
 def test_what_needs_more_trust_is_listened_to_for_an_answer_and_offered_to_no_one():
@@ -158,12 +154,6 @@ def test_a_picture_is_sent_if_there_is_one_and_the_connection_takes_it(desk):
     desk.send("snapshot")
     assert "does not take a picture" in desk.answers(4)[3]["error"]
     assert desk.messenger.pictures == [b"jpeg"]
-
-
-def test_who_asks_is_named_with_the_way_it_came(desk):
-    desk.send("acknowledge", '{"by": "zoe"}')
-    desk.send("acknowledge")
-    assert [each.request.args.by for each in desk.take(2)] == ["mqtt (zoe)", "mqtt"]
 
 
 def test_the_status_says_what_was_refused_and_why_commands_cannot_come(desk):

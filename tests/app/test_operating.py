@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from stadimeter.app.bootstrap import build, demo_configuration
+from stadimeter.app.bootstrap import build
 from stadimeter.app.control import recording
 from stadimeter.app.control.messages import Reply, parse_request
 from stadimeter.app.control.recording import Bounds, RecordingOnRequest, recordings_folder
@@ -14,7 +14,6 @@ from stadimeter.app.control.socket_server import Asked
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.watching import attend_to_requests
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.decide import decide, initial_state
 from stadimeter.errors import DriverError
 from stadimeter.testing.rig import eventually
 from stadimeter.workbench.replay import read_recording, replay_run
@@ -117,12 +116,6 @@ class TestStopping:
         assert stopped.data["words"].startswith("the outputs are stopped until released")
         assert released.data["words"] == "the outputs are released; they were stopped by zoe: a child"
         assert replayed(room.path.parent / "recordings" / begun.data["file"]) > 90
-
-    def test_a_recording_that_begins_while_they_are_stopped_replays_too(self, room):
-        room.at(30, "stop-outputs")
-        room.at(60, "record", do="start")
-        _, begun = room.run(frames=120)
-        assert replayed(room.path.parent / "recordings" / begun.data["file"]) > 30
 
     def test_whoever_stops_a_run_without_a_state_file_learns_that_its_end_is_the_end_of_the_stop(self, room):
         room.at(40, "stop-outputs")
@@ -237,26 +230,6 @@ class TestRecording:
     def test_a_service_records_to_the_folder_of_its_state(self, tmp_path, monkeypatch):
         monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/stadimeter")
         assert str(recordings_folder(tmp_path / "room.toml")) == "/var/lib/stadimeter/recordings"
-
-    def test_the_demonstration_records_to_the_current_folder(self, tmp_path, monkeypatch):
-        monkeypatch.delenv("STATE_DIRECTORY", raising=False)
-        monkeypatch.chdir(tmp_path)
-        assert recordings_folder(demo_configuration().path) == tmp_path / "recordings"
-
-
-class TestContinuing:
-    def test_any_moment_of_a_run_goes_on_to_the_same_decisions(self, room):
-        from stadimeter.app.persistence.resumption import read_state, state_text
-
-        states = []
-        room.loop.listeners.append(lambda *_: states.append(room.loop.state))
-        room.run()
-        plan = room.loop.parts.configuration.plan
-        for begin in range(0, 120, 7):
-            state = read_state(state_text(states[begin]), initial_state(plan))
-            for record in room.records[begin + 1 : begin + 40]:
-                state, decision = decide(state, record.observation)
-                assert decision == record.decision
 
 
 class TestWorld:

@@ -31,13 +31,6 @@ def test_a_user_listens_and_remembers_in_folders_of_their_own():
     assert state_file(CONFIG, environ) == Path("/home/ada/state/stadimeter/appliance.sqlite3")
 
 
-def test_without_any_such_folder_there_are_places_all_the_same(monkeypatch):
-    monkeypatch.setenv("HOME", "/home/ada")
-    assert state_file(CONFIG, {}) == Path("/home/ada/.local/state/stadimeter/appliance.sqlite3")
-    monkeypatch.setattr(os, "getuid", lambda: 1000)
-    assert runtime_folder({}).name == "stadimeter-1000"
-
-
 def test_root_listens_where_only_root_can_make_a_folder(monkeypatch, tmp_path):
     """Among the temporary files, or in the folder of whoever called sudo, another user could be there first."""
     theirs = tmp_path.stat().st_uid + 1
@@ -68,11 +61,6 @@ def test_a_link_or_a_file_in_place_of_the_folder_is_refused(tmp_path):
             make_folder(tmp_path / name)
 
 
-def test_a_path_that_the_kernel_does_not_take_is_refused(tmp_path):
-    with pytest.raises(ControlError, match="too long for a socket: 107 bytes at most"):
-        socket_path(Path("a" * 120 + ".toml"), tmp_path)
-
-
 @pytest.fixture
 def instance(tmp_path):
     """Return the folder of an instance that listens, and answers nothing but who it is."""
@@ -95,17 +83,6 @@ def test_instances_that_listen_are_found_and_what_is_left_of_others_is_not(insta
     assert not is_alive(instance.with_name("left.sock"))
 
 
-def test_a_second_instance_of_one_configuration_listens_elsewhere(instance):
-    assert socket_path(CONFIG, instance.parent).name == f"appliance-{os.getpid()}.sock"
-
-
-def test_an_instance_is_found_by_its_configuration(instance):
-    assert find(CONFIG, [instance]) == instance
-    assert find(None, [instance]) == instance
-    with pytest.raises(ControlError, match="no instance runs with"):
-        find(Path("/etc/other.toml"), [instance])
-
-
 def test_that_none_runs_is_not_said_while_one_that_may_be_it_does_not_answer(instance, tmp_path, monkeypatch):
     monkeypatch.setattr(client, "HELLO_WAIT_S", 0.1)
     with socket.socket(socket.AF_UNIX) as hanging:
@@ -120,11 +97,6 @@ def test_that_none_runs_is_not_said_while_one_that_may_be_it_does_not_answer(ins
 def test_an_instance_that_does_not_answer_is_said_to_hang(instance):
     with pytest.raises(ControlError, match=r"no answer within 0\.1 s; does it hang\?"):
         ask(instance, "status", wait_s=0.1)
-
-
-def test_where_nobody_listens_that_is_said(tmp_path):
-    with pytest.raises(ControlError, match="no instance listens there"):
-        ask(tmp_path / "none.sock", "status")
 
 
 LISTEN = """

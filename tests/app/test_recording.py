@@ -26,7 +26,7 @@ from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.frame import Frame
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
-from stadimeter.errors import DriverUnavailableError, JournalError
+from stadimeter.errors import JournalError
 from stadimeter.ranging.ball import BallShape
 from stadimeter.workbench.replay import read_mcap, read_recording
 from support.each_case import each_case
@@ -186,13 +186,6 @@ def test_times_are_on_one_anchor_however_the_wall_clock_is_set_meanwhile(tmp_pat
     assert times_ns[0] > 1e18
 
 
-def test_no_pictures_are_recorded_if_none_are_wanted(tmp_path):
-    recorded(tmp_path / "run.mcap", 5, 4, 3, options=ImageOptions(images="none"))
-    read = read_mcap(tmp_path / "run.mcap")
-    assert not read.has_images()
-    assert len(list(records_of(read))) == 8
-
-
 def test_pictures_of_events_are_those_in_which_something_changed(tmp_path):
     recorded(tmp_path / "run.mcap", *[5] * 10, *[0.5] * 10, options=ImageOptions(images="events"))
     pairs = read_mcap(tmp_path / "run.mcap").cycles_and_images()
@@ -200,12 +193,6 @@ def test_pictures_of_events_are_those_in_which_something_changed(tmp_path):
     assert 2 <= len(taken) < 12
     assert taken[0] == 0
     assert any(sequence >= 10 for sequence in taken)
-
-
-def test_pictures_come_no_faster_than_asked_for(tmp_path):
-    recorded(tmp_path / "run.mcap", *[5] * 20, options=ImageOptions(rate_hz=5))
-    pairs = read_mcap(tmp_path / "run.mcap").cycles_and_images()
-    assert [image.sequence for _, image in pairs if image is not None] == list(range(0, 20, 2))
 
 
 @pytest.fixture(scope="module")
@@ -285,13 +272,6 @@ def test_an_mcap_file_of_another_program_is_refused_and_not_overwritten(tmp_path
     with pytest.raises(JournalError, match="holds something else than a recording; choose another file"):
         RecordingWriter(path, RECORDED)
     assert path.read_bytes() == before
-
-
-def test_a_missing_library_names_the_extra_that_brings_it(tmp_path, monkeypatch):
-    monkeypatch.setattr("stadimeter.config.extras.find_spec", lambda _name: None)
-    with pytest.raises(DriverUnavailableError, match=r"pip install 'stadimeter\[record\]'"):
-        RecordingWriter(tmp_path / "run.mcap", RECORDED)
-    assert not (tmp_path / "run.mcap").exists()
 
 
 def test_what_a_file_is_its_content_tells_and_not_its_name(tmp_path):

@@ -58,11 +58,6 @@ def test_each_pin_has_the_level_at_which_it_is_off_and_a_base_the_bytes_that_sto
     ]
 
 
-def test_what_is_simulated_needs_nothing(tmp_path, file):
-    assert write_safe_outputs(loaded(tmp_path, BASE.format(port="emulated-ros-arduino-bridge")), file) == []
-    assert file.read_text() == ""
-
-
 def test_a_list_that_is_right_is_not_written_again(tmp_path, file):
     found = loaded(tmp_path, ACTUATORS)
     write_safe_outputs(found, file)

@@ -112,11 +112,6 @@ def test_the_watchdog_is_fed_by_cycles_four_times_a_period_and_by_nothing_else(s
     assert system.heard() == []
 
 
-def test_without_a_watchdog_none_is_fed(system, seen):
-    Rig(system, seen).run(10.0)
-    assert "WATCHDOG=1" not in system.heard()
-
-
 def test_the_status_is_told_once_a_second_at_most_and_only_when_it_changes(system, seen):
     rig = Rig(system, seen)
     rig.run(10.0)

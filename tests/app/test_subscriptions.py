@@ -214,30 +214,6 @@ def test_one_that_never_reads_is_hung_up_on_and_nothing_of_it_stays(tmp_path):
         watched.close()
 
 
-def test_nothing_is_encoded_or_kept_when_nobody_watches(watched):
-    with running(watched):
-        client = watched.connect(image="plain")
-        assert pictured(client)
-        client.close()
-        assert eventually(lambda: watched.subscriptions._thread is None)
-    assert watched.subscriptions._pictures._made == {}
-    assert watched.subscriptions._moment is None
-
-
-def test_those_who_want_the_same_picture_get_the_same_bytes_and_it_is_encoded_once(watched, monkeypatch):
-    encoded = []
-    jpeg = watched.subscriptions._pictures.__class__._encode
-    monkeypatch.setattr(
-        watched.subscriptions._pictures.__class__,
-        "_encode",
-        staticmethod(lambda *args: encoded.append(args) or jpeg(*args)),
-    )
-    watched.cycle()
-    clients = [watched.connect(image="plain") for _ in range(3)]
-    pictures = {client.answer()["attached"] for client in clients}
-    assert len(pictures) == len(encoded) == 1
-
-
 def test_more_subscriptions_than_a_run_serves_are_refused_in_words_and_the_connection_stays(watched):
     watched.cycle()
     for client in [watched.connect() for _ in range(SUBSCRIPTIONS_MAX)]:

@@ -85,14 +85,6 @@ def test_a_second_keeps_mean_extremes_and_the_state_that_matters_most(rig):
     assert STATES[row["states"][0]] == RuleStatus.ACTIVE
 
 
-def test_what_is_not_seen_has_no_figures(rig):
-    rig.see(None, RuleStatus.UNKNOWN)
-    rig.keeper.close()
-    (row,) = rig.rows()
-    assert np.isnan(row["figures"][0][:SEEN]).all()
-    assert row["figures"][0][SEEN] == 0
-
-
 def test_the_loop_writes_nothing_and_the_thread_once_a_minute(rig, monkeypatch):
     writes: list[str] = []
     append = timeline.append_whole

@@ -262,11 +262,6 @@ def test_a_port_where_something_else_talks_is_no_roboclaw(bench: BaseBench) -> N
     assert bench.stands
 
 
-def test_a_board_at_another_address_does_not_answer(bench: BaseBench) -> None:
-    with pytest.raises(DeviceOpenError, match="nothing answers"):
-        bench.base(address=0x81, **ENCODERS).open()
-
-
 @each_case(
     ("table", "message"),
     [

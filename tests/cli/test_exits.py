@@ -9,9 +9,8 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import IO
 
 import cv2
@@ -222,14 +221,6 @@ def shown_while_working(monkeypatch: pytest.MonkeyPatch, reading: int, writing: 
 
 
 @pytest.mark.usefixtures("at_once")
-def test_in_a_pipe_a_line_says_what_is_done(monkeypatch: pytest.MonkeyPatch, ends: list[int]) -> None:
-    reading, writing = os.pipe()
-    ends.append(reading)
-    with os.fdopen(writing, "w", buffering=1) as stream:
-        assert shown_while_working(monkeypatch, reading, stream) == "counting sheep …\n"
-
-
-@pytest.mark.usefixtures("at_once")
 def test_in_a_terminal_a_moving_line_says_so(monkeypatch: pytest.MonkeyPatch, ends: list[int]) -> None:
     monkeypatch.setenv("TERM", "xterm")
     reading, writing = os.openpty()
@@ -262,27 +253,6 @@ def test_what_is_written_meanwhile_is_never_glued_to_the_moving_line(
     before, after = shown.split("a black one")
     assert before.endswith(("\x1b[2K", "\r")), "the moving line was not cleared"
     assert after.startswith("\r\n")
-
-
-@pytest.mark.usefixtures("at_once")
-def test_a_command_that_takes_long_to_load_says_that_it_is_starting(
-    monkeypatch: pytest.MonkeyPatch, ends: list[int]
-) -> None:
-    reading, writing = os.pipe()
-    ends.append(reading)
-    shown = []
-
-    def load_slowly(module: str) -> ModuleType:
-        shown.append(os.read(reading, 4096).decode())
-        return import_module(module)
-
-    main = import_module("stadimeter.cli.main")  # its package has a function of that name
-    with os.fdopen(writing, "w", buffering=1) as stream:
-        monkeypatch.setattr(sys, "stderr", stream)
-        monkeypatch.setattr(main, "import_module", load_slowly)
-        monkeypatch.setattr(main, "SLOW_START_S", 0.0)
-        typer.main.get_command(main.app).load("check")
-    assert shown == ["starting …\n"]
 
 
 # The line that a problem is about is shown, and no secret with it.

@@ -195,13 +195,6 @@ def test_what_cannot_be_meant_is_said_in_a_line(keys: str, words: tuple[str, ...
     assert (found.stderr.count("error: "), found.stdout) == (1, "")
 
 
-def test_a_messenger_that_cannot_be_listened_to_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "here.toml").write_text('[messenger]\ndriver = "simulated"\n')
-    found = typed("fleet", tmp_path / "here.toml")
-    assert found.returncode == 2
-    assert "there is no broker to listen to" in found.stderr
-
-
 def test_the_broker_of_a_configuration_is_used_and_what_is_below_its_first_level_or_another(
     broker: MosquittoBroker, device: Client, tmp_path: Path
 ) -> None:
@@ -374,9 +367,3 @@ def test_a_screen_has_no_more_lines_than_there_are_and_says_what_it_leaves_out(h
         assert "not shown" in text
         assert lines[2].split()[0] == "node-039"  # the worst first
         assert "node-007/near" in lines[lines.index(next(each for each in lines if "standing alarms" in each)) + 1]
-
-
-def test_an_alarm_that_nobody_can_judge_is_not_shown_as_well() -> None:
-    fleet = fleet_of(1)
-    tell(fleet, "node-000/rule/near/state", {"active": None, "severity": "alarm"})
-    assert "1 unknown" in drawn(fleet, 1.0)[0]

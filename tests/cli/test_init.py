@@ -130,12 +130,6 @@ def test_an_example_is_written_without_a_checkout(tmp_path: Path, name: str) -> 
     assert load_configuration(tmp_path / f"{name}.toml").plan.rules
 
 
-def test_an_example_that_is_not_there_is_refused_with_those_that_are(tmp_path: Path) -> None:
-    told = typed("init", tmp_path, "--example", "folow-ball")
-    assert told.returncode == 2
-    assert "only appliance, demo, distance-alert, follow-ball" in told.stderr
-
-
 @pytest.mark.long
 def test_the_answers_that_the_guide_shows_lead_to_a_configuration(tmp_path: Path) -> None:
     for name, at_m in (("50cm", 0.6), ("2m", 2.1)):
@@ -152,15 +146,6 @@ def test_the_guide_names_every_key_of_an_answer() -> None:
     fixed = [key for key in answer_keys() if not key.startswith("base_") and not key.endswith("_output")]
     assert [key for key in fixed if f"`{key}`" not in text] == []
     assert [each.title for each in load_recipes().values() if f"`{each.key}`: {each.title}" not in text] == []
-
-
-def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "taken").touch()
-    (tmp_path / "answers.toml").write_text('camera = "ball.png"\n')
-    told = typed("init", tmp_path / "taken", "--answers", tmp_path / "answers.toml")
-    assert told.returncode == 2
-    assert told.stderr.count("\n") == 1
-    assert "the folder cannot be made" in told.stderr
 
 
 def interrupt(terminal: Terminal) -> None:

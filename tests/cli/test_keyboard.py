@@ -114,10 +114,3 @@ def test_while_the_run_is_paused_its_clock_stands_still() -> None:
     keys.attend(lambda: drawn.append((loop.parts.clock.now_s(), keys.is_paused)))
     assert [paused for _, paused in drawn] == [True, True, True, False]
     assert len({now_s for now_s, _ in drawn}) == 1
-
-
-def test_a_pause_ends_with_the_run() -> None:
-    loop = Loop(build(demo_configuration(), speed=None))
-    keys = RunKeys(loop, can_pause=True, keyboard=Pressed("p", "", "q", "", ""))
-    keys.attend(lambda: None)
-    assert loop.ending == "the key q was pressed"

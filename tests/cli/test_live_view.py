@@ -176,14 +176,6 @@ def test_every_output_is_shown_with_its_value_its_winner_and_its_losers(
     assert row_with("safe value: nothing asks for more", rows)
 
 
-def test_an_output_out_of_order_says_so_in_the_driver_s_words(make_record: Callable[..., CycleRecord]) -> None:
-    motor = LevelCommand(output="motor", level=0.5, captured_at_s=0.0)
-    record = make_record(
-        commands=(motor,), applied=(), output_faults=(OutputFault(output="motor", reason="pin 18 is busy"),)
-    )
-    assert re.search(r"motor +out of order +pin 18 is busy", row_with("out of order", screen(shown(record))))
-
-
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_the_newest_event_is_the_first_shown(make_record: Callable[..., CycleRecord], width: int, height: int) -> None:
     records = [make_record(float(number), events=(event(number, float(number)),)) for number in range(40)]
@@ -370,16 +362,6 @@ def test_an_event_is_told_at_once(make_record: Callable[..., CycleRecord]) -> No
     assert lines[1:] == ["   0.3 s  * alarm: too-near raised: 0.43 m is below 0.50 m"]
 
 
-def test_a_target_that_is_not_seen_has_a_reason_in_place_of_a_distance(
-    make_record: Callable[..., CycleRecord], make_track: Callable[..., Track]
-) -> None:
-    lines: list[str] = []
-    track = make_track(status=TrackStatus.LOST, reason="largest blob 6 px, limit 12 px")
-    PlainView(lines.append).update(make_record(tracks=(track,)))
-    assert "ball lost (largest blob 6 px, limit 12 px)  " in lines[0]
-    assert "±" not in lines[0]
-
-
 def test_faults_and_safety_are_told(make_record: Callable[..., CycleRecord]) -> None:
     lines: list[str] = []
     record = make_record(
@@ -476,27 +458,12 @@ def plot(chart: StripChart, taken: list[DistanceSample]) -> list[str]:
     return [row[axis + 1 :].ljust(chart.width - axis - 1) for row in rows[:-1]]
 
 
-def test_a_target_at_rest_is_a_level_line_at_its_label() -> None:
-    rows = [line.plain for line in drawn(StripChart(60, 10), samples([2.0] * 301))]
-    (row,) = [row for row in rows if row.startswith("2.0 m")]
-    assert len(set(row.partition("┤")[2][:-1])) == 1
-    assert set(row.partition("┤")[2]) <= set("⠒⠤⠐⠠")
-    assert not any(set(other.partition("│")[2]) & set("⠒⠤") for other in rows if other is not row)
-
-
 def test_time_without_a_distance_is_a_gap_of_that_length() -> None:
     rows = plot(StripChart(68, 8), samples([2.0] * 100 + [None] * 100 + [2.0] * 101))
     empty = [column for column in range(len(rows[0])) if all(row[column] == " " for row in rows)]
     assert empty == list(range(empty[0], empty[-1] + 1))
     assert len(empty) == pytest.approx(len(rows[0]) / 3, abs=2)
     assert empty[0] == pytest.approx(len(rows[0]) / 3, abs=2)
-
-
-def test_a_target_that_leaves_goes_up_to_the_right() -> None:
-    rows = plot(StripChart(60, 12), samples([1.0 + number / 100 for number in range(301)]))
-    tops = [next(number for number, row in enumerate(rows) if row[column] != " ") for column in range(2, 50)]
-    assert tops == sorted(tops, reverse=True)
-    assert tops[0] - tops[-1] >= 6
 
 
 def test_a_limit_is_dashes_at_its_figure_and_the_line_is_dots_before_it() -> None:

@@ -80,13 +80,6 @@ def test_a_run_loads_nothing_that_only_other_views_and_commands_need():
     assert among(loaded_by("import stadimeter.cli.run"), unused) == []
 
 
-@pytest.mark.long
-def test_measuring_a_picture_loads_no_rules():
-    loaded = loaded_by("import stadimeter.cli.measure")
-    assert among(loaded, ["stadimeter.workbench.measuring"])
-    assert among(loaded, ["stadimeter.core.rule", "stadimeter.core.conditions", "stadimeter.app.capture"]) == []
-
-
 def test_the_doctor_begins_without_the_libraries_that_may_be_broken():
     assert among(loaded_by("import stadimeter.cli.doctor"), ["cv2", "numpy", "pydantic", "simplejpeg"]) == []
 

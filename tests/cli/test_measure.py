@@ -104,13 +104,6 @@ def test_copies_in_the_pictures_own_folder_leave_the_pictures_alone(pictures: Pa
     assert (pictures / "ball-measured.png").exists()
 
 
-def test_a_broken_camera_file_is_named_with_its_line(pictures: Path, tmp_path: Path) -> None:
-    (tmp_path / "camera.toml").write_text("width_px = 640\nheight_px = -480\nfx_px = 600\n", encoding="utf-8")
-    result = _run(pictures / "ball.png", "--camera", tmp_path / "camera.toml", *BALL)
-    assert result.returncode == 2
-    assert result.stderr.startswith(f"error: {tmp_path / 'camera.toml'}:2: height_px: -480 is not above 0")
-
-
 def test_all_options_that_are_missing_are_named_at_once(pictures: Path) -> None:
     result = _run(pictures / "ball.png")
     assert result.returncode == 2

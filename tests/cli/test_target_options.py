@@ -48,13 +48,6 @@ def test_the_smallest_side_that_is_accepted_is_an_option() -> None:
     assert _wanted(sheet="A4").choices[0].options.min_side_px == 8
 
 
-def test_a_named_target_may_have_its_size_by_name() -> None:
-    (choice,) = _wanted(target="sheet size=A3").choices
-    assert (choice.options.width, choice.options.height) == pytest.approx((0.297, 0.42))
-    with pytest.raises(ConfigError, match="leave out width and height"):
-        _wanted(target="sheet size=A3 width=3cm")
-
-
 def test_an_apriltag() -> None:
     wanted = _wanted(tag="8cm", family="36h11", tag_id=4)
     (choice,) = wanted.choices
@@ -120,20 +113,6 @@ def test_any_kind_is_described_by_the_keys_of_its_table() -> None:
     (by_flags,) = _wanted(tag="8cm", family="36h11", tag_id=4).choices
     (by_keys,) = _wanted(target="tag side=8cm family=36h11 id=4").choices
     assert by_keys.options == by_flags.options
-
-
-def test_what_is_wrong_with_a_target_is_said_with_its_option() -> None:
-    for target, said in [
-        ("disk diameter=12cm", "no detector driver is called 'disk'; did you mean 'disc'?"),
-        ("disc diametre=12cm", "unknown key 'diametre' (did you mean 'diameter'?)"),
-        ("disc", "'diameter' is missing"),
-        ("disc 12cm", "'12cm' is not KEY=VALUE"),
-        ("disc diameter=1cm diameter=2cm", "diameter is given twice"),
-        ("", "'' is not a kind with keys"),
-    ]:
-        with pytest.raises(ConfigError, match=re.escape(said)) as caught:
-            _wanted(target=target)
-        assert str(caught.value).startswith("--target: ")
 
 
 def test_with_a_configuration_the_tolerance_stands_in_the_table(tmp_path: Path) -> None:

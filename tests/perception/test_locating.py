@@ -51,10 +51,3 @@ def test_a_moved_tag_is_trouble_once_several_frames_in_a_row_say_so():
     assert locator.trouble() == f"tag {number} is not where the configuration says"
     locator.locate(frame(9, np.full_like(IMAGE, 128)), CAMERA)
     assert locator.trouble() == ""
-
-
-def test_the_same_frames_give_the_same_poses_to_the_last_bit():
-    one, other = locator_for(SCENE), locator_for(SCENE)
-    assert [one.locate(frame(number), CAMERA) for number in range(3)] == [
-        other.locate(frame(number), CAMERA) for number in range(3)
-    ]

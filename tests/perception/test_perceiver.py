@@ -85,30 +85,9 @@ def test_the_lens_is_scaled_once_for_all_frames_of_one_resolution() -> None:
     assert lenses[0] == replace(SMALL, subsampling="4:4:4")
 
 
-def test_the_lens_follows_the_frames_to_another_resolution_and_back() -> None:
-    watched = Watched(ball())
-    perceiver = Perceiver({"ball": watched}, SMALL)
-    for height in (480, 240, 480):
-        perceiver.look(Frame(np.zeros((height, height * 4 // 3, 3), np.uint8), 0.0, 0))
-    assert [lens and lens.fx_px for lens in watched.lenses] == [600.0, 300.0, 600.0]
-
-
 def test_a_frame_of_another_aspect_is_refused() -> None:
     with pytest.raises(CalibrationError, match="another aspect"):
         Perceiver({"ball": ball()}, SMALL).look(Frame(np.zeros((360, 640, 3), np.uint8), 0.0, 0))
-
-
-def test_a_detector_without_a_lens_of_its_own_is_measured_by_its_outline() -> None:
-    class Elsewhere(Watched):
-        def detect(
-            self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
-        ) -> Detection:
-            return replace(super().detect(frame, prediction, lens=lens), measured_with=None)
-
-    frame = partly_hidden(8)
-    (robust,), (by_points,) = (Perceiver({"ball": it}, SMALL).look(frame)[1] for it in (ball(), Elsewhere(ball())))
-    assert by_points.distance_m == pytest.approx(robust.distance_m, rel=0.02)
-    assert by_points.distance_m != robust.distance_m
 
 
 def test_the_lens_says_how_coarsely_the_frame_stores_colour_unless_the_camera_file_does() -> None:
@@ -210,29 +189,11 @@ def test_a_tracked_target_is_looked_for_in_the_whole_frame_once_a_second_only() 
     assert min(after - before for before, after in itertools.pairwise(searched_s)) >= SEARCH_EVERY_S
 
 
-def test_a_slow_camera_searches_every_frame_that_is_a_second_later() -> None:
-    expectations = Expectations()
-    assert all(expectations.of(seen(at_s - 0.4), BALL, LENS, at_s) is None for at_s in (0.0, 1.0, 2.0, 3.0))
-
-
 def test_a_target_that_is_searched_for_anyway_is_not_searched_for_again_soon() -> None:
     expectations = Expectations()
     assert expectations.of(seen(0.0), BALL, LENS, 0.0) is None
     assert expectations.of(seen(0.9, status=TrackStatus.LOST), BALL, LENS, 0.9) is None
     assert expectations.of(seen(1.4), BALL, LENS, 1.5) is not None
-
-
-def test_each_target_has_its_own_time() -> None:
-    expectations = Expectations()
-    assert expectations.of(seen(0.0, "left"), BALL, LENS, 0.0) is None
-    assert expectations.of(seen(0.5, "right"), BALL, LENS, 0.5) is None
-    assert expectations.of(seen(0.5, "left"), BALL, LENS, 0.6) is not None
-    assert expectations.of(seen(1.0, "left"), BALL, LENS, 1.1) is None
-    assert expectations.of(seen(1.0, "right"), BALL, LENS, 1.1) is not None
-
-
-def test_nothing_is_expected_of_a_target_without_a_track() -> None:
-    assert Expectations().of(None, BALL, LENS, 0.0) is None
 
 
 @pytest.mark.parametrize("back_s", [0.1, 100.0])
@@ -280,24 +241,6 @@ def test_a_ball_that_is_smeared_is_told_with_the_exposure_that_would_do() -> Non
         ' distance is unsure then. Write exposure = "4.9 ms" in [camera], with more light'
     )
     assert advice(frames(0.0049, 0.8)) == ()
-
-
-def test_a_ball_that_rests_is_not_blurred_however_long_it_is_exposed() -> None:
-    assert advice(frames(0.1, 0.0)) == ()
-
-
-def test_where_the_exposure_is_not_known_nothing_is_said() -> None:
-    smeared = frames(0.02, 0.8)
-    assert advice(Frame(frame.image, frame.captured_at_s, frame.sequence) for frame in smeared) == ()
-
-
-def test_a_blur_in_few_frames_is_not_worth_a_word() -> None:
-    resting, moving = list(frames(0.02, 0.0)), list(frames(0.02, 0.8, count=4))
-    seen = [*moving, *resting * 8]
-    later = (
-        Frame(frame.image, number / RATE_HZ, number, exposure_s=frame.exposure_s) for number, frame in enumerate(seen)
-    )
-    assert advice(later) == ()
 
 
 def test_sightings_far_apart_or_before_a_gap_tell_no_speed() -> None:

@@ -102,12 +102,6 @@ def test_a_small_shift_is_measured_in_pixels_of_the_reduced_picture() -> None:
     assert first.focal_px == 150.0
 
 
-def test_a_brightness_that_changes_is_no_flow() -> None:
-    view = room(noise=0).render(None, 0.1, 0.0)
-    flow = flow_of(lambda number: cv2.add(view, (number % 20,) * 3))
-    assert max(shifts_px(flow)) < 0.1
-
-
 def looks_again(draw: Draw, *, is_slid: bool) -> list[float]:
     """Return by how much three quarters of the blocks have flowed since an earlier picture, in the last looks of 50."""
     meter, found = FlowMeter(), []

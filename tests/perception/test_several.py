@@ -115,13 +115,6 @@ def test_with_a_free_slot_a_newcomer_is_seen_within_a_quarter_of_a_second() -> N
     assert 40 < seen_in[0] <= 40 + math.ceil(0.25 * RATE_HZ) + 2
 
 
-def test_more_balls_than_slots_leave_the_rest_unnamed() -> None:
-    places = still((-0.3, 0, 1), (0, 0, 1.2), (0.3, 0, 1.4))
-    follower = follow(Counting(places), places, 2)
-    assert statuses(follower) == [True, True]
-    assert follower.swaps == 0
-
-
 def test_a_ball_that_leaves_frees_its_slot_for_another_one() -> None:
     places = still((-0.3, 0, 1), (0, 0, 1.2), (0.3, 0, -1.0), frames=120)
     places[30:, 1, 2] = -1.0
@@ -149,15 +142,6 @@ def test_a_target_with_a_number_is_told_by_it_and_not_by_its_place() -> None:
     for number in range(40):
         found, _ = perceiver.look(Frame(BLANK, number / RATE_HZ, number), {})
         assert {each.target: each.number for each in found} == {"tags-7": 7, "tags-3": 3}
-
-
-def test_nothing_in_sight_is_reported_for_each_with_a_reason() -> None:
-    places = still((0, 0, -1.0), frames=2)
-    detector = Counting(places)
-    perceiver = Perceiver(dict.fromkeys(("balls-1", "balls-2"), detector), CAMERA)
-    found, measured = perceiver.look(Frame(BLANK, 0.0, 0))
-    assert [each.status for each in found] == [DetectionStatus.NOT_FOUND] * 2
-    assert [each.reason for each in measured] == ["none", "none"]
 
 
 class Greedy(Counting):
@@ -207,16 +191,3 @@ def test_no_other_way_costs_less(costs: list[list[float]]) -> None:
     taken = [j for j in given_to if j is not None]
     assert len(set(taken)) == len(taken)
     assert total(costs, given_to) == pytest.approx(least(costs))
-
-
-def test_two_that_want_the_same_are_shared_out_so_that_both_fit_best_together() -> None:
-    assert assign([[1.0, 2.0], [1.0, 30.0]], UNASSIGNED) == [1, 0]
-
-
-def test_what_must_not_be_is_left_out() -> None:
-    assert assign([[math.inf, math.inf], [math.inf, 3.0]], UNASSIGNED) == [None, 1]
-
-
-def test_sixty_four_that_all_want_the_same_each_get_one() -> None:
-    costs = [[abs(i - j) * 0.01 + j * 0.5 for j in range(64)] for i in range(64)]
-    assert sorted(j for j in assign(costs, UNASSIGNED) if j is not None) == list(range(64))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import os
 import struct
 from pathlib import Path
 
@@ -12,13 +11,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from stadimeter.app.clock import MonotonicClock
 from stadimeter.config.plugins import ACTUATORS, BASES, MESSENGERS, DriverContext
 from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.core.message import Message
 from stadimeter.errors import ConfigError
 from stadimeter.simulation.base import SimulatedBaseOptions
-from stadimeter.simulation.devices import CHANGES_MAX, LevelChange
+from stadimeter.simulation.devices import LevelChange
 from stadimeter.simulation.emulated_base import EmulatedPort
 from stadimeter.simulation.firmware import (
     EmulatedRosArduinoOptions,
@@ -27,7 +25,6 @@ from stadimeter.simulation.firmware import (
     RosArduinoFirmware,
     WaveshareUgvFirmware,
 )
-from stadimeter.simulation.services import SENT_MAX
 from stadimeter.testing.rig import ManualClock
 from support.base_bench import vectors, wire
 
@@ -62,12 +59,6 @@ def test_it_stops_by_itself_when_nothing_comes(run) -> None:
     run.clock.advance_s(10.0)
     assert run.world.robot.pose.x_m == pytest.approx(0.1)
     assert run.world.robot.wheels_mps == (0.0, 0.0)
-
-
-def test_it_need_not_stop_by_itself(run) -> None:
-    opened(run, auto_stop="0 s").apply(twist(0.2))
-    run.clock.advance_s(10.0)
-    assert run.world.robot.pose.x_m == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("options", [{"max_wheel_speed": "0 m/s"}, {"auto_stop": "-1 s"}, {"port": "/dev/ttyUSB0"}])
@@ -204,9 +195,6 @@ class TestOpenBot:
         assert board.left.driven_mps == 0.0
 
 
-ROS = "ros_arduino_bridge"
-
-
 @pytest.fixture
 def board() -> RosArduinoFirmware:
     return RosArduinoFirmware(ticks_per_metre=1.0)
@@ -234,17 +222,6 @@ def test_it_answers_as_the_sketch_does(board: RosArduinoFirmware, sent: bytes, a
     assert board.receive(sent, 0.0) == answer
 
 
-@pytest.mark.parametrize("reply", vectors(ROS, "rx").values(), ids=lambda reply: reply["name"])
-def test_it_answers_the_vectors_byte_by_byte(board: RosArduinoFirmware, reply: dict[str, str]) -> None:
-    assert board.receive(wire(ROS, reply["reply_to"]), 0.0) == bytes.fromhex(reply["bytes_hex"])
-
-
-def test_line_feeds_instead_of_carriage_returns_hang_the_board(board: RosArduinoFirmware) -> None:
-    assert board.receive(b"m 10 10\n" * 5, 0.0) == b""
-    assert board.hung
-    assert board.receive(b"\rb\r", 0.1) == b""
-
-
 def test_wheels_take_time_to_follow(board: RosArduinoFirmware) -> None:
     board.receive(b"m 10 20\r", 0.0)
     assert speeds(board, 0.0) == (0.0, 0.0)
@@ -253,29 +230,11 @@ def test_wheels_take_time_to_follow(board: RosArduinoFirmware) -> None:
     assert late == (pytest.approx(10 / 0.033, rel=1e-3), pytest.approx(20 / 0.033, rel=1e-3))
 
 
-def test_how_often_it_is_stepped_changes_nothing() -> None:
-    seldom, often = RosArduinoFirmware(ticks_per_metre=1.0), RosArduinoFirmware(ticks_per_metre=1.0)
-    for board in (seldom, often):
-        board.receive(b"m 10 20\r", 0.0)
-    for millisecond in range(1, 3001):
-        often.step(millisecond / 1000)
-    seldom.step(3.0)
-    assert often.left.rolled_m == pytest.approx(seldom.left.rolled_m, rel=1e-6)
-    assert often.right.rolled_m == pytest.approx(seldom.right.rolled_m, rel=1e-6)
-
-
 def test_it_stops_by_itself_two_seconds_after_the_last_motor_command(board: RosArduinoFirmware) -> None:
     board.receive(b"m 10 10\r", 0.0)
     board.receive(b"m 10 10\r", 1.5)
     assert speeds(board, 3.49)[0] == pytest.approx(10 / 0.033, rel=1e-3)
     assert speeds(board, 3.6)[0] == pytest.approx(10 / 0.033 * 0.37, rel=0.01)
-    assert speeds(board, 6.0) == (0.0, 0.0)
-
-
-def test_questions_do_not_keep_it_moving(board: RosArduinoFirmware) -> None:
-    board.receive(b"m 10 10\r", 0.0)
-    for tenth in range(1, 60):
-        board.receive(b"b\re\r", tenth / 10)
     assert speeds(board, 6.0) == (0.0, 0.0)
 
 
@@ -300,19 +259,6 @@ def test_closing_gives_everything_back_and_may_be_done_twice() -> None:
     assert not folder.exists()
 
 
-def test_on_a_real_clock_the_port_is_served_from_a_thread() -> None:
-    clock = MonotonicClock()
-    port = EmulatedPort(RosArduinoFirmware(started_s=clock.now_s()), clock)
-    host = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
-    os.write(host, b"b\r")
-    answer = b""
-    while not answer.endswith(b"\n"):
-        answer += os.read(host, 100)
-    os.close(host)
-    port.close()
-    assert answer == b"57600\r\n"
-
-
 def command(level: float) -> LevelCommand:
     return LevelCommand(output="it", level=level, captured_at_s=1.0)
 
@@ -329,14 +275,6 @@ def test_it_remembers_what_it_did_when(run) -> None:
         LevelChange(at_s=104.0, level=1.0),
         LevelChange(at_s=104.0, level=0.0),
     ]
-
-
-def test_its_memory_is_bounded(run) -> None:
-    actuator = run.build(ACTUATORS)
-    actuator.open()
-    for number in range(CHANGES_MAX + 10):
-        actuator.apply(command(number % 2))
-    assert len(actuator.changes) == CHANGES_MAX
 
 
 @pytest.mark.parametrize(("steps", "asked", "done"), [(1, 0.4, 0.0), (1, 0.6, 1.0), (4, 0.3, 0.25), (None, 0.3, 0.3)])
@@ -357,10 +295,6 @@ def opened_messenger(run, **options):
     return messenger
 
 
-def payloads(messenger) -> list[str]:
-    return [sent.item.payload for sent in messenger.sent]
-
-
 def test_messages_are_kept_with_their_time(run) -> None:
     messenger = opened_messenger(run)
     messenger.publish(message("a", qos=0))
@@ -368,22 +302,3 @@ def test_messages_are_kept_with_their_time(run) -> None:
     messenger.publish(message("b"))
     assert [(sent.at_s, sent.item.payload) for sent in messenger.sent] == [(100.0, "a"), (102.0, "b")]
     assert messenger.trouble() == ""
-
-
-def test_only_the_newest_messages_are_kept(run) -> None:
-    messenger = opened_messenger(run)
-    for number in range(SENT_MAX + 10):
-        messenger.publish(message(str(number)))
-    assert payloads(messenger) == [str(number) for number in range(10, SENT_MAX + 10)]
-    assert messenger.dropped == 0
-
-
-def test_what_nobody_wants_any_more_is_not_delivered(run) -> None:
-    messenger = opened_messenger(run)
-    run.world.faults.broker_gone = True
-    messenger.publish(message("brief", expires_s=3))
-    messenger.publish(message("lasting"))
-    run.clock.advance_s(4.0)
-    run.world.faults.broker_gone = False
-    assert payloads(messenger) == ["lasting"]
-    assert messenger.given_up == 1

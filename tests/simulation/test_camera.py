@@ -7,8 +7,6 @@ import math
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
@@ -16,9 +14,9 @@ from stadimeter.config.plugins import CAMERAS, DETECTORS
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame, Image
-from stadimeter.errors import CalibrationError, CaptureTimeoutError, ConfigError
-from stadimeter.ranging.ball import BallShape
-from stadimeter.simulation.camera import Renderer, SimulatedCameraOptions, hits, paint_ball, silhouette
+from stadimeter.errors import CaptureTimeoutError
+from stadimeter.simulation.camera import Renderer, SimulatedCameraOptions
+from stadimeter.simulation.silhouette import paint_ball, silhouette
 from support.each_case import each_case
 
 pytestmark = pytest.mark.vision
@@ -174,16 +172,6 @@ def test_the_limb_is_where_the_exact_cone_has_it(
     assert np.abs(errors).max() < 0.1
 
 
-@each_case("lens", [LENS, OBLONG], ids=["square pixels", "oblong pixels"])
-@each_case("depth_m", [0.4, 1.0, 2.7, 6.0, 15.0, 40.0, 120.0])
-def test_the_ball_covers_the_area_of_the_exact_cone_however_far_it_is(lens: CameraModel, depth_m: float) -> None:
-    ball_m = (0.05, 0.01 * depth_m, depth_m)
-    seen = silhouette(lens, ball_m, 0.1)
-    assert seen is not None
-    exact_px = 2 * math.sqrt(seen.half_across_px[0] * seen.half_along_px[1])
-    assert 2 * math.sqrt(cover_of(lens, ball_m, 0.1).sum() / math.pi) == pytest.approx(exact_px, abs=0.02)
-
-
 @pytest.mark.parametrize("ball_m", [(0.0, 0.15, 1.0), (0.5, 0.15, 2.0), (-0.9, 0.15, 3.0), (0.05, 0.15, 4.0)])
 def test_the_ball_found_by_its_colour_has_the_true_place_and_size(ball_m: tuple[float, float, float]) -> None:
     seen = silhouette(LENS, ball_m, 0.1)
@@ -196,21 +184,6 @@ def test_the_ball_found_by_its_colour_has_the_true_place_and_size(ball_m: tuple[
         across_px = 2 * math.sqrt(moments["m00"] / math.pi)
         assert centre_px == pytest.approx(seen.centre_px, abs=0.35)
         assert across_px == pytest.approx(2 * math.sqrt(seen.half_across_px[0] * seen.half_along_px[0]), abs=1.0)
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_nothing_else_in_the_room_has_the_balls_colour(seed: int) -> None:
-    room = renderer(noise=2.0, seed=seed)
-    headings = np.arange(0, 2 * math.pi, 0.5)
-    assert sum(cv2.countNonZero(mask_of_the_ball(room.render(None, 0.1, heading))) for heading in headings) == 0
-
-
-def test_turning_left_moves_the_room_to_the_right_by_the_lens_own_measure() -> None:
-    room = renderer()
-    before = room.render(None, 0.1, 0.0)[:, 270:370].astype(np.float32)
-    after = room.render(None, 0.1, 0.05).astype(np.float32)
-    place = cv2.minMaxLoc(cv2.matchTemplate(after, before, cv2.TM_SQDIFF))[2]
-    assert place[0] - 270 == pytest.approx(600 * 0.05, abs=2)
 
 
 def test_the_noise_differs_from_frame_to_frame_and_is_as_strong_as_asked() -> None:
@@ -238,89 +211,6 @@ def test_a_ball_that_touches_the_lens_plane_is_cut_off_and_drawn_all_the_same() 
     assert not mask[:, 0].any()
 
 
-@pytest.mark.parametrize(
-    "lens",
-    [
-        CameraModel.with_focal_length(100.0, 640, 480),
-        CameraModel.with_focal_length(2600.0, 1920, 1080),
-        CameraModel.with_focal_length(60.0, 64, 48),
-        CameraModel(width_px=640, height_px=480, fx_px=600, fy_px=600, cx_px=319.5, cy_px=0.0),
-    ],
-    ids=["very wide", "long and large", "thumbnail", "looking down"],
-)
-def test_other_lenses_work_too(lens: CameraModel) -> None:
-    image = renderer(lens, noise=2.0).render((0.0, 0.15, 1.0), 0.1, 0.4)
-    assert image.shape == (lens.height_px, lens.width_px, 3)
-    assert image.std() > 5
-
-
-ANGLES = np.linspace(0, 2 * math.pi, 40, endpoint=False)
-CIRCLE = np.stack((np.cos(ANGLES), np.sin(ANGLES)), axis=1)
-
-balls = st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.floats(0.5, 10))
-radii = st.floats(0.01, 0.3)
-lenses = st.sampled_from([LENS, OBLONG])
-
-
-def test_a_ball_on_the_axis_is_a_circle_of_the_cones_size() -> None:
-    seen = silhouette(LENS, (0.0, 0.0, 2.0), 0.1)
-    expected_px = 600 * math.tan(math.asin(0.1 / 2.0))
-    assert seen is not None
-    assert seen.centre_px == (LENS.cx_px, LENS.cy_px)
-    assert seen.half_across_px == pytest.approx((expected_px, expected_px))
-    assert seen.half_along_px == pytest.approx((expected_px, expected_px))
-
-
-@given(lens=lenses, ball=balls, radius=radii)
-def test_the_rays_through_the_outline_touch_the_ball(
-    lens: CameraModel, ball: tuple[float, float, float], radius: float
-) -> None:
-    seen = silhouette(lens, ball, radius)
-    assert seen is not None
-    for x_px, y_px in seen.outline_px(CIRCLE):
-        ray = np.array((*lens.direction(x_px, y_px), 1.0))
-        nearest_m = np.linalg.norm(np.cross(ray / np.linalg.norm(ray), ball))
-        assert nearest_m == pytest.approx(radius, rel=1e-6)
-
-
-@given(lens=lenses, ball=balls, radius=radii)
-def test_the_extent_is_that_of_the_outline(lens: CameraModel, ball: tuple[float, float, float], radius: float) -> None:
-    seen = silhouette(lens, ball, radius)
-    assert seen is not None
-    fine = np.linspace(0, 2 * math.pi, 4000)
-    outline = seen.outline_px(np.stack((np.cos(fine), np.sin(fine)), axis=1))
-    size_px = max(seen.half_along_px)
-    assert (*outline.min(axis=0), *outline.max(axis=0)) == pytest.approx(seen.extent_px, abs=1e-5 * size_px)
-
-
-@given(ball=balls, radius=radii)
-def test_the_minor_axis_gives_the_depth_by_similar_triangles_but_for_the_radius(
-    ball: tuple[float, float, float], radius: float
-) -> None:
-    seen = silhouette(LENS, ball, radius)
-    assert seen is not None
-    assert math.hypot(600 * radius / seen.half_across_px[0], radius) == pytest.approx(ball[2])
-
-
-@given(lens=lenses, ball=balls, radius=radii)
-def test_a_ray_hits_inside_the_outline_and_misses_outside(
-    lens: CameraModel, ball: tuple[float, float, float], radius: float
-) -> None:
-    seen = silhouette(lens, ball, radius)
-    assert seen is not None
-    assert all(hits(lens.direction(*point), ball, radius) for point in seen.outline_px(CIRCLE, 0.999))
-    assert not any(hits(lens.direction(*point), ball, radius) for point in seen.outline_px(CIRCLE, 1.001))
-
-
-@pytest.mark.parametrize("depth_m", [-3.0, 0.0, 0.05, 0.1])
-def test_a_ball_not_wholly_in_front_has_no_ellipse(depth_m: float) -> None:
-    assert silhouette(LENS, (0.3, 0.0, depth_m), 0.1) is None
-
-
-def test_a_ball_behind_is_not_hit() -> None:
-    assert not hits((0.0, 0.0), (0.0, 0.0, -2.0), 0.1)
-
-
 BLANK = np.zeros((480, 640, 3), np.uint8)
 
 
@@ -331,26 +221,6 @@ def ball_at(x: str, y: str, **more):
 def detect(run, sequence: int = 0, **options):
     detector = run.build(DETECTORS, "ideal", name="ball", **options)
     return detector.detect(Frame(BLANK, run.clock.now_s(), sequence))
-
-
-def test_without_noise_the_ball_is_where_the_truth_says(make_run) -> None:
-    found = detect(make_run(**ball_at("2 m", "-0.4 m")), noise_px=0)
-    assert found.status is DetectionStatus.FOUND
-    assert found.target == "ball"
-    assert found.reason == ""
-    assert found.width_px == found.height_px == pytest.approx(2 * 600 * 0.1 / math.sqrt(2**2 - 0.1**2))
-    assert found.centre_px[0] == pytest.approx(319.5 + 600 * 0.4 * 2 / (2**2 - 0.1**2))
-    assert found.centre_px[1] == pytest.approx(239.5)
-    assert found.size_sigma_px == 0
-
-
-def test_the_outline_is_the_balls_limb(make_run) -> None:
-    run = make_run(**ball_at("2 m", "-0.4 m"))
-    found = detect(run, noise_px=0)
-    assert len(found.outline_px) >= 8
-    for x_px, y_px in found.outline_px:
-        ray = np.array((*run.lens.direction(x_px, y_px), 1.0))
-        assert np.linalg.norm(np.cross(ray / np.linalg.norm(ray), (0.4, 0.0, 2.0))) == pytest.approx(0.1)
 
 
 def test_the_noise_is_as_large_as_asked_and_told(make_run) -> None:
@@ -395,28 +265,6 @@ def test_a_ball_cut_off_by_the_border_is_truncated_and_has_no_size(make_run, x: 
     assert cut.reason == f"cut off by the {border} border of the picture"
     assert cut.width_px == 0.0
     assert not len(cut.outline_px)
-
-
-def test_a_ball_too_far_to_see_is_not_found_and_the_reason_has_the_figures(make_run) -> None:
-    far = detect(make_run(**ball_at("60 m", "0 m")), noise_px=0)
-    assert (far.status, far.reason) == (DetectionStatus.NOT_FOUND, "a ball of 2.0 px, limit 3.0 px")
-
-
-def test_a_frame_of_another_resolution_is_looked_at_through_the_same_lens(make_run) -> None:
-    run = make_run(**ball_at("2 m", "0 m"))
-    detector = run.build(DETECTORS, "ideal", noise_px=0)
-    half = detector.detect(Frame(BLANK[:240, :320], 100.0, 0))
-    assert half.width_px == pytest.approx(detector.detect(Frame(BLANK, 100.0, 0)).width_px / 2)
-    with pytest.raises(CalibrationError):
-        detector.detect(Frame(BLANK[:, :320], 100.0, 0))
-
-
-def test_the_size_is_the_worlds_unless_the_same_is_stated(make_run) -> None:
-    run = make_run(ball_diameter="20 cm")
-    assert run.build(DETECTORS, "ideal").target_shape == BallShape(diameter_m=0.2)
-    assert run.build(DETECTORS, "ideal", diameter="200 mm").target_shape == BallShape(diameter_m=0.2)
-    with pytest.raises(ConfigError, match=r"diameter is 0\.067 m, but the ball in \[world\] has 0\.2 m"):
-        run.build(DETECTORS, "ideal", diameter="6.7 cm")
 
 
 @pytest.mark.long

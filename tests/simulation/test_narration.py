@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.simulation.world import AFTER, AFTER_S, BY_HAND, DURING, OUT_OF_SIGHT, FaultKind, Narrator, StoryLine
+from stadimeter.simulation.world import AFTER, AFTER_S, BY_HAND, DURING, FaultKind, Narrator, StoryLine
 
 STORY = [StoryLine.model_validate({"at": at, "say": say}) for at, say in (("10 s", "it comes"), ("2 s", "it rolls"))]
 
@@ -20,10 +20,6 @@ def test_the_story_goes_by_the_time_and_begins_again_with_the_path() -> None:
     assert [narrator.words((), at_s, path_s=at_s) for at_s in (0.0, 2.0, 9.9, 10.0, 19.9, 21.0, 22.0)] == [
         "", "it rolls", "it rolls", "it comes", "it comes", "", "it rolls",
     ]  # fmt: skip
-
-
-def test_a_path_that_ends_has_a_story_that_ends() -> None:
-    assert Narrator(STORY, period_s=None).words((), 1000.0, path_s=1000.0) == "it comes"
 
 
 def test_a_line_is_said_only_while_the_ball_is_where_it_says() -> None:
@@ -43,14 +39,6 @@ def test_what_goes_wrong_is_said_while_it_lasts_and_shortly_after() -> None:
     assert narrator.words(["hide-target"], 3.0) == DURING["hide-target"]
     assert narrator.words([], 4.0) == AFTER["hide-target"]
     assert narrator.words([], 4.0 + AFTER_S, path_s=8.0) == "it rolls"
-
-
-def test_two_things_that_go_wrong_are_both_said() -> None:
-    assert Narrator((), None).words(["hide-target", "unplug-base"], 0.0).count("on purpose") == 2
-
-
-def test_every_fault_has_its_words() -> None:
-    assert set(DURING) == set(AFTER) == {*FaultKind, OUT_OF_SIGHT}
 
 
 @pytest.mark.parametrize("kind", list(FaultKind))

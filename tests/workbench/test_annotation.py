@@ -20,7 +20,7 @@ from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandid
 from stadimeter.core.frame import Frame
 from stadimeter.errors import PictureError
 from stadimeter.workbench import annotation
-from stadimeter.workbench.annotation import GREEN, GREY, ORANGE, RED, Box, Mark, annotate, write_picture
+from stadimeter.workbench.annotation import GREEN, GREY, Box, Mark, annotate, write_picture
 from stadimeter.workbench.measuring import Measuring
 from support.crossing_balls import BLANK, PretendBalls
 
@@ -52,12 +52,6 @@ def _pixels_of(image: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
     return np.column_stack([columns, rows])
 
 
-def test_the_outline_runs_through_the_corners() -> None:
-    green = _pixels_of(annotate(_blank(), [_mark(lines=(), headline="x")]), GREEN)
-    for corner in CORNERS:
-        assert np.hypot(*(green - corner).T).min() < 2
-
-
 def test_the_limb_of_a_ball_is_drawn_where_it_was_seen_and_open_where_it_was_not() -> None:
     angles = np.linspace(0, 1.3 * np.pi, 80)
     limb = np.column_stack([345 + 100 * np.cos(angles), 212 + 100 * np.sin(angles)])
@@ -65,21 +59,6 @@ def test_the_limb_of_a_ball_is_drawn_where_it_was_seen_and_open_where_it_was_not
     green = _pixels_of(annotate(_blank(), [mark]), GREEN)
     assert np.hypot(*(green - (345, 312)).T).min() < 2
     assert np.hypot(*(green - (345, 112)).T).min() > 20
-
-
-def test_the_colour_says_what_became_of_it() -> None:
-    for status, colour in [(DetectionStatus.FOUND, GREEN), (DetectionStatus.TRUNCATED, ORANGE)]:
-        assert len(_pixels_of(annotate(_blank(), [_mark(status)]), colour)) > 500
-
-
-def test_a_target_that_was_not_found_stands_in_the_legend_only() -> None:
-    mark = _mark(DetectionStatus.NOT_FOUND, outline=np.empty((0, 2)), lines=("paper: not found", "no contour"))
-    copy = annotate(_blank(), [mark])
-    red = _pixels_of(copy, RED)
-    assert len(red) > 10
-    assert red[:, 0].max() < 100
-    assert red[:, 1].min() > 450
-    assert (copy[:450] == 128).all()
 
 
 def _places(marks: list[Mark], width: int, height: int) -> tuple[list[Box], list[Box]]:
@@ -150,12 +129,6 @@ def test_whatever_was_rejected_the_copy_is_drawn() -> None:
         centre_px, size_px = candidate
         rejected = RejectedCandidate(centre_px=centre_px, size_px=size_px, reason="x")
         assert annotate(_blank(), [_mark(rejected=((1, rejected),))]).shape == (600, 900, 3)
-
-
-def test_a_copy_is_written_and_read_back(tmp_path: Path) -> None:
-    for suffix in (".png", ".jpg", ".JPG", ".bmp"):
-        write_picture(tmp_path / f"a{suffix}", _blank())
-        assert cv2.imread(str(tmp_path / f"a{suffix}")).shape == (600, 900, 3)
 
 
 def test_a_copy_that_cannot_be_written_says_so_and_leaves_nothing(tmp_path: Path) -> None:

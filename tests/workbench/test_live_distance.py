@@ -7,20 +7,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
-from stadimeter.cameras.protocol import AttachedCamera
-from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, DriverOptions, load_driver
+from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError
-from stadimeter.workbench import frame_source as module
-from stadimeter.workbench.calibration import live_distance
-from stadimeter.workbench.calibration.live_distance import LiveDistance, fresh_frames
-from stadimeter.workbench.frame_source import list_cameras, open_camera
+from stadimeter.workbench.calibration.live_distance import LiveDistance
+from stadimeter.workbench.frame_source import open_camera
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.render import render
@@ -133,36 +129,3 @@ def test_a_target_that_is_not_there_is_said_and_changes_nothing(device: V4l2Doub
         with pytest.raises(CalibrationError, match="at 3 m the target was found in 0 of 3 frames: no pixel"):
             session.take(3.0, FRAMES)
         assert [take.name for take in session.takes] == ["at 1 m"]
-
-
-def test_a_target_that_moves_meanwhile_is_refused(device: V4l2Double, monkeypatch: pytest.MonkeyPatch) -> None:
-    with _session(device) as session:
-        frames = []
-        for distance_m in (1.0, 1.2, 1.4):
-            device.show(ball_at(distance_m))
-            frames.append(fresh_frames(session._source, 1)[0])
-        monkeypatch.setattr(live_distance, "fresh_frames", lambda _source, _number: frames)
-        with pytest.raises(CalibrationError, match=r"size changed by .*keep the target and the camera still"):
-            session.take(1.0)
-
-
-def _camera(driver: str) -> AttachedCamera:
-    return AttachedCamera(driver=driver, options={"serial": "42"}, path="42", name="Cam", node="42")
-
-
-class Listing(DriverOptions):
-    name: ClassVar[str]
-
-    @classmethod
-    def attached(cls) -> tuple[AttachedCamera, ...]:
-        return (_camera(cls.name),)
-
-
-def test_every_driver_that_can_list_cameras_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = {"opencv": "opencv", "video": "another"}
-
-    def load(group: str, name: str) -> Any:
-        return type("Listing", (Listing,), {"name": found[name]}) if name in found else load_driver(group, name)
-
-    monkeypatch.setattr(module, "load_driver", load)
-    assert [camera.choice for camera in list_cameras()] == ["opencv,serial=42", "another,serial=42"]

@@ -28,7 +28,6 @@ from stadimeter.workbench.replay import ReplayRun, decisions, read_recording
 from stadimeter.workbench.trial import KeptRecording, SideBySide, Stay, Trial, compare, judged_apart, stays
 from support.observing import Rehearsal
 from support.random_runs import whole_run
-from support.recordings import records_of
 from support.replaying import replay
 from support.saves import LENS
 
@@ -102,23 +101,6 @@ def test_what_was_taken_over_while_running_is_handed_over_before_its_first_cycle
     assert len(list(decisions(read_journal(path), plan(), on_reload))) == 9
     assert handed == [(0.4, RecordedConfiguration(text="# another"))]
     assert replay(read_journal(path), plan()).cycles == 9
-
-
-def test_the_journal_writes_what_was_taken_over(tmp_path):
-    path = tmp_path / "run.jsonl"
-    rehearsal = Rehearsal(plan())
-    record = CycleRecord(observation=None, decision=rehearsal.see(2.0), applied=(), timings_s={})
-    journal = journal_of(path, 2.0)
-    (first,) = records_of(journal)
-    writer = JournalWriter(path, RecordedConfiguration(text="# configuration"))
-    writer.write(first)
-    writer.note_reload(1.0, RecordedConfiguration(text="# another", files={"camera.toml": "# lens"}))
-    writer.write(replace(record, observation=first.observation))
-    writer.close()
-    assert [cycle.reloaded for cycle in read_journal(path).cycles()] == [
-        None,
-        RecordedConfiguration(text="# another", files={"camera.toml": "# lens"}),
-    ]
 
 
 def test_what_a_run_took_over_from_an_earlier_one_is_taken_over_by_its_replay(tmp_path):

@@ -17,7 +17,7 @@ import pytest
 from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.errors import ChangedMeanwhileError, ConfigError, DriverError, NotThereError, StadimeterError
+from stadimeter.errors import ChangedMeanwhileError, ConfigError, DriverError, StadimeterError
 from stadimeter.web.routes import PAGE_OPERATIONS
 from stadimeter.workbench import saving
 from stadimeter.workbench.colour_aids import with_range
@@ -156,14 +156,6 @@ def test_nothing_is_saved_over_a_file_that_is_no_text_and_its_reason_is_said_as_
     with pytest.raises(StadimeterError, match=rf"^{desk.configuration}:1: it is not UTF-8 text$"):
         ask(desk, "save", text=THERE, base_version="")
     assert desk.configuration.read_bytes() == b"# f\xfcr den Ball\n"
-
-
-@pytest.mark.parametrize("name", ["../..", "", "0001-20260101T000000Z", "."])
-def test_a_version_that_is_not_there_is_a_sentence(desk: Desk, name: str) -> None:
-    ask(desk, "save", text=THERE, base_version=version(desk))
-    for op in ("version", "restore"):
-        with pytest.raises(NotThereError, match="there is no version"):
-            ask(desk, op, id=name, base_version=version(desk))
 
 
 def test_a_disk_that_is_full_at_the_second_file_leaves_both_as_they_were(
