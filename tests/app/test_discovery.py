@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from stadimeter.app.deliveries import announcement
 from stadimeter.app.messages import Reporter
-from stadimeter.config.loader import load_configuration
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import ALARM_EVENTS, Decision, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.home_assistant import DiscoveryPlace
@@ -21,11 +20,9 @@ from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.messaging.mqtt import MqttOptions
-from support.discovery_checks import faults
 from support.each_case import each_case
 from support.every_rule import ORDERS, announced, every_rule
 
-APPLIANCE = Path(__file__).parents[2] / "config/appliance.toml"
 PLACE = DiscoveryPlace(node="it", base="stadimeter/it", prefix="homeassistant")
 
 
@@ -37,36 +34,6 @@ def payload(folder: Path, orders: frozenset[str] = ORDERS) -> dict[str, Any]:
 @pytest.fixture
 def message(tmp_path: Path) -> dict[str, Any]:
     return payload(tmp_path)
-
-
-def test_the_message_has_the_form_that_home_assistant_takes(message, tmp_path):
-    assert faults(message) == []
-    assert faults(payload(tmp_path, orders=frozenset())) == []
-    assert faults(json.loads(announced(load_configuration(APPLIANCE)).message().payload)) == []
-
-
-def test_identifiers_stay_as_they_are(message, tmp_path):
-    """If this fails, every user gets each of these entities twice: the old one as a ghost."""
-    found = announced(every_rule(tmp_path), orders=ORDERS)
-    assert found.place.topic == "homeassistant/device/stadimeter_Dock-3/config"
-    assert message["device"]["identifiers"] == ["stadimeter_Dock-3"]
-    of_ball = {"distance_ball", "sigma_ball", "closing_speed_ball", "status_ball", "presence_ball"}
-    of_near = {
-        "rule_near", "acknowledge_near", "reset_near", "shelve_near", "unshelve_near", "in_service_near",
-        "observed_near", "threshold_below_near", "threshold_time_to_contact.below_near",
-    }  # fmt: skip
-    of_run = {
-        "alarm", "stop_outputs", "take_snapshot", "snapshot", "software", "frame_rate", "latency", "temperature",
-        "undelivered",
-    }  # fmt: skip
-    keys = set(message["components"])
-    assert of_ball | of_near | of_run <= keys
-    assert {key for key in keys if key.endswith("_near")} == of_near
-    for name in ("louder", "follow"):  # no alarms, and kept quiet like them
-        kept_quiet = {f"{what}_{name}" for what in ("rule", "shelve", "unshelve", "in_service", "observed")}
-        assert {key for key in keys if key.endswith(f"_{name}")} == kept_quiet
-    for key, each in message["components"].items():
-        assert each["unique_id"] == f"stadimeter_Dock-3_{key}"
 
 
 NAMES = st.text("abA-_0", min_size=1, max_size=6)
@@ -125,11 +92,6 @@ def test_a_safety_rule_has_no_button_that_makes_it_quiet(message):
     of_it = {key for key in message["components"] if key.endswith("_too-close")}
     assert of_it == {"rule_too-close", "reset_too-close"}
     assert message["components"]["rule_too-close"]["device_class"] == "safety"
-
-
-def test_only_diagnostics_are_hidden_until_they_are_asked_for(message):
-    hidden = {key for key, each in message["components"].items() if each.get("enabled_by_default") is False}
-    assert hidden == {"frame_rate", "latency", "temperature", "undelivered"}
 
 
 def test_every_kind_of_event_of_a_rule_is_known_beforehand(message):

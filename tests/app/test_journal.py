@@ -2,8 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
 
 import pytest
 from hypothesis import given
@@ -256,39 +254,3 @@ def test_a_tilt_is_recorded_and_a_journal_from_before_tilts_were_measured_is_rea
     path.write_text(f"{header}\n{older}\n")
     (record,) = records_of(read_journal(path))
     assert record.observation.measurements == (replace(tilted, tilt_rad=None, ambiguity=None),)
-
-
-FILL_THE_DISK = """
-import resource, signal, sys
-from pathlib import Path
-
-from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.recordings.journal import RecordedConfiguration
-from stadimeter.core.observation import Observation
-from stadimeter.core.plan import Plan
-from stadimeter.errors import JournalError
-from support.observing import Rehearsal
-
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (5000, resource.RLIM_INFINITY))
-decision = Rehearsal(Plan(targets=("ball",))).see(2.0)
-record = CycleRecord(observation=Observation(now_s=1.0), decision=decision, applied=(), timings_s={})
-journal = JournalWriter(Path(sys.argv[1]), RecordedConfiguration(text=""))
-try:
-    while True:
-        journal.write(record)
-except JournalError as error:
-    print(error)
-"""
-
-
-@pytest.mark.long
-def test_a_disk_that_fills_up_leaves_a_journal_of_whole_lines(tmp_path):
-    """A limit on the size of files stands in for the disk: the system cuts a write short in the same way."""
-    path = tmp_path / "run.jsonl"
-    done = subprocess.run([sys.executable, "-c", FILL_THE_DISK, path], capture_output=True, text=True, check=True)
-    assert done.stdout == f"{path}: File too large; the journal ends here, intact\n"
-    assert 4000 < path.stat().st_size <= 5000
-    assert path.read_bytes().endswith(b"\n")
-    assert len(list(records_of(read_journal(path)))) >= 5

@@ -1,11 +1,8 @@
 """Recordings: what is in the MCAP file, and what is left of one that was cut off."""
 
 import json
-import subprocess
-import sys
 from contextlib import contextmanager
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -301,37 +298,6 @@ def test_another_configuration_that_was_taken_over_stands_before_its_first_cycle
     recording.writer.close()
     reloaded = [cycle.reloaded for cycle in read_mcap(tmp_path / "run.mcap").cycles()]
     assert reloaded == [None, None, RecordedConfiguration(text="# another")]
-
-
-FILL_THE_DISK = """
-import resource, signal, sys
-from pathlib import Path
-sys.path.insert(0, sys.argv[2])
-from stadimeter.errors import JournalError
-from test_recording import Recording
-
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, resource.RLIM_INFINITY))
-recording = Recording(Path(sys.argv[1]))
-try:
-    while True:
-        recording.see(2.0)
-except JournalError as error:
-    print(error)
-    recording.writer.abandon()
-"""
-
-
-@pytest.mark.long
-def test_a_disk_that_fills_up_leaves_a_recording_of_whole_records(tmp_path):
-    """A limit on the size of files stands in for the disk: the system cuts a write short in the same way."""
-    path = tmp_path / "run.mcap"
-    command = [sys.executable, "-c", FILL_THE_DISK, path, Path(__file__).parent]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout == f"{path}: File too large; the recording ends here, intact\n"
-    read = read_mcap(path)
-    assert read.is_cut_off()
-    assert len(list(records_of(read))) >= 10
 
 
 @pytest.mark.parametrize("text", ["NaN", "Infinity", "-Infinity"])

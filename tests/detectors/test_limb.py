@@ -7,8 +7,6 @@ import math
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
@@ -19,7 +17,6 @@ from stadimeter.detectors.ball.limb import Limb, find_limb
 from stadimeter.detectors.ball.search import look_by_colour
 from support.each_case import each_case
 from support.scenes import draw
-from support.scenes.backdrop import PlainBackdrop
 from support.scenes.nuisances import jpeg
 from support.scenes.render import render
 from support.scenes.tone import Tone, decode_srgb, encode
@@ -91,28 +88,6 @@ def test_colours_of_stripes_are_the_balls_and_those_of_the_floor_are_not() -> No
         assert there[39:41].any()
         assert not there[:34].any()
         assert not there[46:].any()
-
-
-@pytest.mark.long
-@settings(max_examples=20, deadline=None)
-@given(seed=st.integers(0, 40), grey=st.integers(20, 235), bias_px=st.floats(-0.6, 0.6))
-def test_the_size_is_continuous_in_the_edge_bias(seed: int, grey: int, bias_px: float) -> None:
-    scene = replace(draw.ball_scene(seed), backdrop=PlainBackdrop(bgr=(grey, grey, grey)))
-    made = render(scene)
-    outline = made.truth.outline_px
-    x, y = (outline.min(axis=0) + outline.max(axis=0)) / 2
-    start = ImageCircle(x_px=float(x), y_px=float(y), radius_px=made.truth.apparent_px / 2)
-    sizes = [_find(made.image, start, 8.0, replace(CAMERA, edge_bias_px=each)) for each in (bias_px, bias_px + 0.01)]
-    assert all(size is not None for size in sizes)
-    assert sizes[0].straight_radius_px == pytest.approx(sizes[1].straight_radius_px, abs=0.05)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_grain_of_a_floor_makes_the_radius_less_sure(seed: int) -> None:
-    smooth, grained = _limb(_picture(seed=seed)), _limb(_picture(speckle=60.0, seed=seed))
-    assert grained.sigma_px > 2 * smooth.sigma_px
-    assert grained.radius_sigma_px > smooth.radius_sigma_px
 
 
 def test_colour_that_is_stored_coarsely_makes_the_radius_less_sure() -> None:

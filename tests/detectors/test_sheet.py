@@ -15,10 +15,8 @@ from pydantic import ValidationError
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.detectors.sheet.edges import SheetPicture, refine_corners
-from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate
 from support.each_case import each_case
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.draw import CAMERA, sheet_scene
@@ -172,52 +170,6 @@ def test_the_edge_bias_of_the_camera_is_taken_off_bright_and_dark_sheets(draw, w
     sign = 1 if paper == PAPER else -1
     assert plain.width_px - biased.width_px == pytest.approx(sign * 1.0, abs=1e-6)
     assert plain.height_px - biased.height_px == pytest.approx(sign * 1.0, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("paper", "behind", "sign", "named"),
-    [(PAPER, (70, 100, 120), 1, {}), ((20, 20, 20), (190, 195, 200), -1, {"hsv": "0,0,0:179,255,60"})],
-)
-def test_calibrating_at_near_and_far_finds_the_edge_bias(draw, wall, paper, behind, sign: int, named) -> None:
-    """A bright sheet is drawn larger by the bias on each side, a dark one smaller; both tell the same bias."""
-    bias_px, options = 0.4, SheetOptions.model_validate({"width": "11 in", "height": "8.5 in", **named})
-    known = []
-    for depth_m in (0.4, 0.8, 1.6, 2.4):
-        half = CAMERA.fx_px * LETTER_M / depth_m / 2 + sign * bias_px
-        corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * half + (CAMERA.cx_px, CAMERA.cy_px)
-        frame = draw.frame(_in_light(wall(bgr=behind), corners, paper))
-        seen, less = (
-            SheetDetector("paper", options).detect(frame, lens=replace(CAMERA, edge_bias_px=bias))
-            for bias in (0.0, BIAS_STEP_PX)
-        )
-        known.append(
-            KnownDistance(
-                picture=f"{depth_m}",
-                width_px=640,
-                height_px=480,
-                detection=seen,
-                size=options.shape,
-                depth_m=depth_m,
-                less_bias=less,
-            )
-        )
-    made = calibrate(known, date="", distance_relative_sigma=0.002)
-    assert made.fit.bias_was_fitted
-    assert made.camera_model.edge_bias_px == pytest.approx(bias_px, abs=0.05)
-    assert made.camera_model.fx_px == pytest.approx(CAMERA.fx_px, rel=2e-3)
-
-
-def _in_light(image: np.ndarray, corners: np.ndarray, bgr: tuple[int, int, int]) -> np.ndarray:
-    """Draw an upright rectangle as a camera does: not quite sharp, and mixing light, not code values."""
-    (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
-    rows, columns = np.indices(image.shape[:2])
-    across = np.clip(np.minimum(columns + 0.5 - left, right - columns + 0.5), 0, 1)
-    down = np.clip(np.minimum(rows + 0.5 - top, bottom - rows + 0.5), 0, 1)
-    share = (across * down)[..., None]
-    table = light_table("srgb")
-    light = table[image] * (1 - share) + table[np.array(bgr, np.uint8)] * share
-    light = cv2.GaussianBlur(light, (0, 0), 0.8)
-    return np.rint(np.interp(light, table, np.arange(256))).astype(np.uint8)
 
 
 def test_a_rectangle_of_another_shape_is_not_the_sheet_once_the_lens_is_known(draw, wall) -> None:

@@ -97,21 +97,6 @@ def test_both_together_are_surer_than_either(seen_ball: SeenBall, camera: Camera
     assert both.measurement.noise_m <= both.measurement.sigma_m
 
 
-def test_an_error_of_the_focal_length_that_both_have_does_not_count_as_two(
-    seen_ball: SeenBall, camera: CameraModel
-) -> None:
-    """Where the ray is steep below the axis, a longer focal length makes both distances larger."""
-    exact = replace(FOOTING, height_sigma_m=1e-5, tilt_sigma_rad=1e-6)
-    vague = replace(camera, focal_relative_sigma=0.02)
-    both = stood(ball_at(seen_ball, 0.5), vague, exact, BALL)
-    of_floor, of_size = both.sigma_m, both.by_size.sigma_m
-    assert of_size is not None
-    assert both.measurement.sigma_m is not None
-    as_if_apart = of_floor * of_size / math.hypot(of_floor, of_size)
-    assert both.measurement.sigma_m != pytest.approx(as_if_apart, rel=0.02)
-    assert both.measurement.sigma_m <= min(of_floor, of_size) * (1 + 1e-9)
-
-
 def test_the_stated_deviation_is_that_of_drawn_cameras(seen_ball: SeenBall, camera: CameraModel) -> None:
     rng, found = np.random.default_rng(7), ball_at(seen_ball, 2.0)
     sigmas = (4.0, 4.0, 2.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel, LensUncertainty
 from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
-from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.flat import SheetShape, TagShape, UprightShape
 from stadimeter.ranging.measure import (
@@ -283,24 +283,6 @@ def test_the_squares_of_the_parts_add_up_to_the_square_of_the_whole(
     assert whole_m == pytest.approx(measured.sigma_m)
     assert parts.focal_length_m == pytest.approx(focal_share * measured.distance_m)
     assert parts.size_m == pytest.approx(size_share * measured.distance_m)
-
-
-def test_a_cause_that_is_not_there_is_exactly_zero() -> None:
-    camera = replace(CAMERA, focal_relative_sigma=0.0123)
-    size = BallShape(diameter_m=0.1)
-    parts = sigma_parts(measure(SEEN, size, camera, 0.0), size, camera)
-    assert parts is not None
-    assert parts.pose_m == 0.0
-    assert parts.size_m == 0.0
-
-
-def test_what_is_left_is_the_pose() -> None:
-    measured = Measurement(
-        target="tag", status=MeasurementStatus.MEASURED, captured_at_s=0.0, distance_m=1.0, sigma_m=0.05, noise_m=0.03
-    )
-    parts = sigma_parts(measured, BallShape(diameter_m=0.1), CAMERA)
-    assert parts is not None
-    assert parts.pose_m == pytest.approx(0.04)
 
 
 # What a camera and a target can do at a distance is known before anything is bought.

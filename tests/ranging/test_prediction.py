@@ -105,14 +105,6 @@ def test_a_moving_ball_appears_within_three_standard_deviations(
     assert abs(found.size_px - 600 * 0.065 / moved[2]) < 3 * found.sigma_px
 
 
-@given(first_s=st.floats(0, UNSEEN_MAX_S), second_s=st.floats(0, UNSEEN_MAX_S))
-def test_the_longer_it_was_not_seen_the_less_sure_it_is(first_s: float, second_s: float) -> None:
-    first, second = (predict(track(), BALL, CAMERA, 10.0 + each) for each in sorted((first_s, second_s)))
-    if first is not None and second is not None:
-        assert first.sigma_px <= second.sigma_px
-    assert second is None or first is not None
-
-
 def sighted(
     directions_rad: Iterable[tuple[float, float]], frame_s: float = 1 / 30, **changes: object
 ) -> Iterator[tuple[Track, AngularMotion | None]]:

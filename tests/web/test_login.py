@@ -224,18 +224,21 @@ def test_a_session_outlives_the_process_and_a_new_password_ends_it(tmp_path, mon
 
 
 @pytest.mark.long
-def test_a_new_password_ends_what_is_being_watched(tmp_path, monkeypatch):
+@pytest.mark.parametrize("how", ["a new password", "logging out"])
+def test_a_new_password_and_logging_out_end_what_is_being_watched(tmp_path, monkeypatch, how):
     quicken(monkeypatch)
     with served_page(tmp_path, OPERATE) as site:
         site.log_in(OPERATE)
-        (cookie,) = (f"{name}={value}" for name, value in site.cookies.items())
         connection = http.client.HTTPConnection("127.0.0.1", site.port, timeout=120)
-        connection.request("GET", "/api/v1/live?image=none", headers={"Cookie": cookie})
+        connection.request("GET", "/api/v1/live?image=none", headers=copied(site))
         stream = connection.getresponse()
         length = int.from_bytes(stream.read(8)[:4])
         message = stream.read(length)
         assert b"gone" in message
-        PasswordFile(site.page.access.file.path).set("operate", "another horse")
+        if how == "logging out":
+            site.ask("POST", "/logout")
+        else:
+            PasswordFile(site.page.access.file.path).set("operate", "another horse")
         assert len(stream.read(10 * len(message))) < 10 * len(message)  # it has ended
         connection.close()
 
@@ -271,18 +274,6 @@ def test_a_session_that_was_ended_stays_so_in_another_process_and_after_a_restar
         again.cookies[f"stadimeter-{again.port}"] = cookie
         assert again.get("/api/v1/session").status == 401
         assert again.page.access.ended.path.stat().st_mode & 0o077 == 0
-
-
-@pytest.mark.long
-def test_logging_out_ends_what_is_being_watched(operator):
-    connection = http.client.HTTPConnection("127.0.0.1", operator.port, timeout=120)
-    connection.request("GET", "/api/v1/live?image=none", headers=copied(operator))
-    stream = connection.getresponse()
-    length = int.from_bytes(stream.read(8)[:4])
-    message = stream.read(length)
-    operator.ask("POST", "/logout")
-    assert len(stream.read(10 * len(message))) < 10 * len(message)  # it has ended
-    connection.close()
 
 
 def test_a_session_ends_also_where_the_disk_takes_nothing_and_that_is_said(operator, monkeypatch):
