@@ -174,10 +174,6 @@ def force(struct, name, value):
     return changed
 
 
-def test_a_reload_that_switches_liveness_on_says_that_it_needs_a_restart_and_changes_nothing(rig):
-    rig.change = lambda: rig.write(NEAR, FAR, tail=TAIL + "[safety]\nliveness = false\n")
-    assert rig.run().error == "nothing was changed: restart to change [safety.liveness]"
-    assert rig.events("far") == []
 
 
 def test_two_who_ask_at_once_are_told_so(tmp_path):
