@@ -2,17 +2,20 @@
 
 import json
 import math
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from stadimeter.app.live.history import WINDOW_S, RunHistory, Seen, program_age_s
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.app.live.health import Board, BoardState, LiveHealth
-from stadimeter.app.live.history import WINDOW_S, RunHistory, Seen
 from stadimeter.app.live.pictures import SHOWN_MAX_PX, Pictures, drawn
 from stadimeter.app.live.snapshot import LiveFeed, outline_of, shared_data
 from stadimeter.app.loop import Limits, Loop
@@ -265,3 +268,25 @@ def test_a_run_that_falls_behind_its_speed_is_not_well_whatever_rate_its_own_clo
     assert health.frame_rate_hz == pytest.approx(rate_hz, rel=0.02)
     assert ("pace" in words_of(health)) == (pace < 0.9)
     assert all(note.is_good for note in health.notes if note.what != "pace")
+
+
+# Figures on a run that tell what the program took.
+
+
+DEMO = Path(__file__).parents[2] / "config" / "demo.toml"
+
+
+def test_the_age_of_a_program_is_from_its_start_and_grows():
+    earlier = program_age_s()
+    assert 0 < earlier <= program_age_s()
+
+
+@pytest.mark.long
+def test_a_run_tells_its_first_command_and_its_memory():
+    told = subprocess.run(
+        [sys.executable, "-m", "stadimeter", "run", str(DEMO), "--frames", "2", "--speed", "0", "--json"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    summary = json.loads(told.stdout)
+    assert summary["first_command_s"] > 0
+    assert summary["peak_memory_mb"] > 40

@@ -174,8 +174,6 @@ def force(struct, name, value):
     return changed
 
 
-
-
 def test_two_who_ask_at_once_are_told_so(tmp_path):
     rig = Rig(tmp_path, NEAR)
     rig.reloader._is_busy = True

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 from msgspec.structs import replace
 
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model, save_camera_model
+from stadimeter.config.toml_source import camera_table
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, LensUncertainty, Provenance
 from stadimeter.core.frame import Optics
 from stadimeter.errors import ConfigError
@@ -163,3 +165,20 @@ def test_a_table_of_a_configuration_holds_the_same_keys() -> None:
         camera_model_from_table({**table, "fx_px": "600"})
     (problem,) = caught.value.problems
     assert (problem.file, problem.line, problem.key) == ("", 0, "fx_px")
+
+
+# Cameras as people name them in one line: a device, an address, or a driver with options.
+
+
+@pytest.mark.parametrize(
+    ("text", "table"),
+    [
+        ("0", {"driver": "opencv", "device": 0}),
+        ("/dev/video2,exposure=10ms", {"driver": "opencv", "device": "/dev/video2", "exposure": "10ms"}),
+        ("http://pi.local/s?a=1,latency=200ms", {"device": "http://pi.local/s?a=1", "latency": "200ms"}),
+        ("picamera2,colour_gains=[2.1,1.5],gain=4", {"driver": "picamera2", "colour_gains": [2.1, 1.5], "gain": 4}),
+        ("images,paths=['a.png', 'b.png']", {"driver": "images", "paths": ["a.png", "b.png"]}),
+    ],
+)
+def test_a_camera_in_one_line_is_the_table_that_a_configuration_would_have(text: str, table: dict[str, Any]) -> None:
+    assert camera_table(text) == {"driver": "opencv", **table}

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from stadimeter.config.describe import describe
-from stadimeter.config.loader import load_configuration
+from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.config.plugins import BASES, driver_names
 from stadimeter.core.rule import AlarmRule, RampRule
+from stadimeter.errors import ConfigError
+from support.ready_bases import FOLLOW_BALL, READY, follow_ball
 
 FOLDER = Path(__file__).parents[2] / "config"
 FILES = sorted(FOLDER.glob("*.toml"))
@@ -37,3 +41,51 @@ def test_the_two_uses_that_people_ask_for_most_are_three_lines_each() -> None:
     assert (far.output, far.start, far.full) == ("motor", pytest.approx(3.048), pytest.approx(6.096))
     assert isinstance(near, AlarmRule)
     assert near.output == "buzzer"
+
+
+# The bases that the example of a robot has ready, each behind ``#``, beside the one that it uses.
+
+
+@pytest.mark.parametrize("driver", READY)
+def test_a_base_that_is_ready_takes_the_place_of_the_one_that_is_used(tmp_path: Path, driver: str) -> None:
+    path = tmp_path / "follow.toml"
+    path.write_text(follow_ball(driver), encoding="utf-8")
+    base = load_configuration(path).base
+    assert base is not None
+    assert base.driver == driver
+
+
+def test_the_example_has_every_base_ready_that_is_one_board() -> None:
+    """A protocol of one's own has no usual lines, a bridge to ROS is another program's, and a servo drives nowhere."""
+    others = {"simulated", "ascii", "pan-servo", *(name for name in driver_names(BASES) if name.startswith("ros2"))}
+    assert set(READY) == set(driver_names(BASES)) - others
+
+
+def test_a_table_for_each_of_several_bases_is_refused_with_what_to_write(tmp_path: Path) -> None:
+    path = tmp_path / "follow.toml"
+    path.write_text(f'{FOLLOW_BALL}[base.pca9685]\nboard = "jetbot"\n', encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"unknown key 'pca9685' \(write its keys in \[base\] itself"):
+        load_configuration(path)
+
+
+# A configuration says in plain sentences what it does, with the right figures.
+
+
+Load = Callable[[str], Configuration]
+
+
+def test_a_safe_level_that_is_not_off_is_told(load: Load, sound: str) -> None:
+    text = sound.replace("pin = 18", "pin = 18\nsafe = 0.5")
+    assert describe(load(f'{text}[rules.it]\nactuator = "motor"\nramp = {{ from = "1 m", to = "2 m" }}\n'))[
+        -1
+    ].endswith("; at 50% when lost.")
+
+
+def test_the_rule_that_goes_before_others_says_so(load: Load, sound: str) -> None:
+    rules = (
+        '[rules.follow]\nactuator = "base"\nfollow = { distance = "1 m" }\n'
+        '[rules.stop]\nactuator = "base"\npriority = 200\nwhen = { below = "40 cm" }\n'
+    )
+    *_, follow, stop = describe(load(sound + rules))
+    assert "Goes before" not in follow
+    assert stop.endswith(" Goes before `follow`.")
