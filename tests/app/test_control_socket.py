@@ -96,13 +96,6 @@ def test_a_request_is_taken_by_the_loop_and_its_answer_comes_back_with_its_trans
     assert client.answer() == {"transaction": "7", "status": "ok", "data": {"words": "acknowledged"}}
 
 
-def test_a_refusal_is_an_error_in_words(control, client):
-    client.send({"transaction": 8, "op": "reset"})
-    (asked,) = taken(control)
-    asked.answer(Reply(error="it is not latched"))
-    assert client.answer() == {"transaction": 8, "status": "error", "error": "it is not latched"}
-
-
 def test_whoever_has_said_all_still_gets_the_answer(control, client):
     client.send({"transaction": 1, "op": "status"})
     client.socket.shutdown(socket.SHUT_WR)
@@ -147,11 +140,6 @@ def test_a_line_of_a_megabyte_ends_its_connection_and_no_other(control, client, 
         client.socket.sendall(b'{"op": "' + b"a" * 1_000_000)
         assert f"more than {LINE_MAX_BYTES} bytes" in client.answer()["error"]
     assert other.ask({"op": "hello"})["status"] == "ok"
-
-
-def test_half_a_line_waits_for_its_other_half(client):
-    client.send(b'{"op": "he')
-    assert client.ask(b'llo"}\n')["status"] == "ok"
 
 
 def test_two_hundred_idle_connections_lock_nobody_out(control, connect):

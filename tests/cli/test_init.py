@@ -7,20 +7,16 @@ import re
 import tomllib
 from collections.abc import Callable
 from contextlib import closing
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import ClassVar
 
 import cv2
 import numpy as np
 import pytest
 
-from stadimeter.config import plugins
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
-from stadimeter.detectors.disc import DiscOptions
 from stadimeter.workbench.saving import versions
 from stadimeter.workbench.setup.interview import answer_keys, save_answers
 from stadimeter.workbench.setup.recipes import load_recipes
@@ -248,24 +244,3 @@ def test_several_balls_are_set_up_counted_and_measured_each_by_its_name(tmp_path
     assert "balls-1" in between.stdout.splitlines()[-1]
     ran = typed("run", tmp_path / "stadimeter.toml", "--no-state", "--speed", "0", "--seconds", "3")
     assert "crowd raised" in ran.stdout
-
-
-class CoinOptions(DiscOptions):
-    """A detector of another package."""
-
-    title: ClassVar[str] = "a coin"
-
-
-@pytest.mark.long
-def test_a_detector_of_another_package_is_offered_with_its_own_question(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    entry = EntryPoint(name="coin", value=f"{__name__}:CoinOptions", group=plugins.DETECTORS)
-    known = (*entry_points(group=plugins.DETECTORS), entry)
-    monkeypatch.setattr(plugins, "installed", lambda group: known if group == plugins.DETECTORS else ())
-    cv2.imwrite(str(tmp_path / "1m.png"), balls(NEAR))
-    told = init(tmp_path, target="cube")
-    kinds = "ball, sheet, tag, disc, picture, circles, person, face, object, balls, tags, coin"
-    assert f"'cube' is none of {kinds}" in told.stderr
-    told = init(tmp_path, target="coin", diameter="20 cm")
-    assert load_configuration(tmp_path / "stadimeter.toml").targets[0].driver == "coin", told

@@ -13,13 +13,7 @@ from stadimeter.errors import ConfigError
 AROUND = """
 [camera]
 driver = "simulated"
-[camera.model]
-width_px = 640
-height_px = 480
-fx_px = 600.0
-fy_px = 600.0
-cx_px = 319.5
-cy_px = 239.5
+model = { width_px = 640, height_px = 480, fx_px = 600.0 }
 [world]
 [base]
 driver = "simulated"

@@ -153,26 +153,6 @@ def test_a_broker_that_forgot_all_gets_all_again(broker, make_messenger, listen)
     eventually(messenger.take_forgotten)
 
 
-@pytest.mark.long
-def test_a_broker_that_remembers_is_not_sent_messages_of_one_s_own_again(broker, make_messenger, lay_tunnel, listen):
-    tunnel = lay_tunnel(broker.port)
-    messenger = ran(make_messenger(tunnel.port), announcement("near"))
-    listen(broker.port).wait_for("stadimeter/it/retained/it")
-    tunnel.cut()
-    tunnel.mend()
-    eventually(messenger.take_states_due)
-    eventually(lambda: not messenger._link.retained.is_reading and messenger._link.retained._list.is_read)
-    assert not messenger.take_forgotten()
-
-
-def test_it_is_announced_where_the_list_cannot_be_read_either(broker, make_messenger, listen):
-    messenger = ran(make_messenger(broker.port, base_topic="b" * 1000), announcement("near"))
-    listen(broker.port).wait_for(CONFIG)
-    ran(messenger, announcement("far"), opens=False)
-    witness = listen(broker.port)
-    eventually(lambda: keys_of(witness)[-1:] == [["far"]])
-
-
 def test_a_broker_that_forbids_the_topic_is_reported_with_its_name(start_broker, make_messenger, tmp_path):
     acl = "user garage\ntopic readwrite stadimeter/#\n"
     strict = start_broker(username="garage", password="secret", acl=acl)

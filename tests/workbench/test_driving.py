@@ -29,13 +29,7 @@ TEXT = """
 [camera]
 driver = "opencv"
 device = 0
-[camera.model]
-width_px = 640
-height_px = 480
-fx_px = 600.0
-fy_px = 600.0
-cx_px = 319.5
-cy_px = 239.5
+model = { width_px = 640, height_px = 480, fx_px = 600.0 }
 [targets.ball]
 detector = "ball"
 diameter = "20 cm"
