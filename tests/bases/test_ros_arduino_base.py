@@ -13,12 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import Struct
 from pydantic import ValidationError
-from stadimeter.bases.differential_drive import WheelSpeeds
-from stadimeter.bases.serial_codec import BaseMessage
-from stadimeter.bases.serial_link import Greeting, SerialLink
 
+from stadimeter.bases.protocol import WheelSpeeds
 from stadimeter.bases.ros_arduino_base import FRAME_S, RosArduinoCodec, RosArduinoOptions
-from stadimeter.bases.serial_base import SerialBase
+from stadimeter.bases.serial_base import BaseMessage, Greeting, SerialBase, SerialLink
 from stadimeter.errors import CommandRangeError, DeviceClosedError, DeviceOpenError, LinkLostError, ProtocolError
 from stadimeter.simulation.emulated_base import EmulatedPort
 from stadimeter.simulation.firmware import RosArduinoFirmware

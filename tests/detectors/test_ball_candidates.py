@@ -7,11 +7,11 @@ import math
 import cv2
 import numpy as np
 import pytest
-from stadimeter.detectors.ball.circle_votes import list_octaves, propose_circles
 
 from stadimeter.core.detection import DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.ball import BallDetector, BallOptions
+from stadimeter.detectors.ball.search import list_octaves, propose_circles
 from support.scenes import draw as scenes
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget

@@ -13,12 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 from pydantic import ValidationError
-from stadimeter.detectors.disc.ellipse import ellipse_through
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.disc import DiscDetector, DiscOptions
+from stadimeter.detectors.disc.edges import ellipse_through
 from support.each_case import each_case
 from support.scenes.draw import CAMERA, disc_scene, empty_scene
 from support.scenes.nuisances import distorted, motion, noise, tone

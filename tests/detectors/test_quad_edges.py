@@ -6,9 +6,6 @@ import cv2
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from stadimeter.detectors.sheet.quadrilaterals import (
-    find_quadrilaterals,
-)
 
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.detection import Points
@@ -22,6 +19,7 @@ from stadimeter.detectors.sheet.edges import (
     measure_cut_off,
     refine_corners,
 )
+from stadimeter.detectors.sheet.evidence import find_quadrilaterals
 from stadimeter.testing.rig import ManualClock
 from support.detector_rigs import CAMERA, LEFT, SCENES, WALL, build
 from support.scenes.draw import sheet_scene

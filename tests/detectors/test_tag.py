@@ -12,14 +12,13 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from pydantic import ValidationError
-from stadimeter.detectors.tag.codes import DICTIONARIES, tag_family
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.tag import TagDetector, TagOptions
-from stadimeter.detectors.tag.search import distinct
+from stadimeter.detectors.tag.search import DICTIONARIES, distinct, tag_family
 from stadimeter.detectors.tag.sides import measure_sides
 from support.each_case import each_case
 from support.scenes.draw import tag_scene

@@ -6,10 +6,10 @@ import threading
 from collections.abc import Callable
 
 import pytest
-from stadimeter.messaging.back_off import Patience
 
 from stadimeter.core.message import Notification
 from stadimeter.messaging.apprise_notifier import Delivery
+from stadimeter.messaging.protocol import Patience
 from stadimeter.testing.rig import eventually
 
 PATIENCE = Patience(first_pause_s=0.01, longest_pause_s=0.02, goodbye_s=10.0)

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from msgspec.structs import replace
-from stadimeter.detectors.disc.ellipse import ellipse_through
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.disc import DiscDetector, DiscOptions
+from stadimeter.detectors.disc.edges import ellipse_through
 from stadimeter.ranging.ball import ConeFrame, fit_cone, with_ones
 from stadimeter.ranging.flat import DiscShape, circle_poses, cone_through
 from stadimeter.ranging.measure import measure

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pydantic import ValidationError
-from stadimeter.simulation.silhouette import paint_ball, silhouette
 
 from stadimeter.config.plugins import CAMERAS, DETECTORS
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import CaptureTimeoutError
-from stadimeter.simulation.camera import Renderer, SimulatedCameraOptions
+from stadimeter.simulation.camera import Renderer, SimulatedCameraOptions, paint_ball, silhouette
 from support.each_case import each_case
 
 pytestmark = pytest.mark.vision
