@@ -19,7 +19,7 @@ WORKERS := $(shell expr 2 \* $(CORES))
 SPREAD = -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 UNIT := tests/core tests/config tests/ranging
 
-.PHONY: help demo quick test golden prove test-long test-sample test-opencv-4.10 nightly mutants check check-javascript gate bench bench-rules bench-safety bench-stopping bench-liveness pictures wheel deb docs format format-javascript clean
+.PHONY: help demo quick test golden prove test-long test-sample test-opencv-4.10 nightly mutants check check-javascript gate bench bench-stopping pictures wheel deb docs format format-javascript clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -83,17 +83,8 @@ bench: $(VENV)/.bench ## measure accuracy and speed on rendered pictures; ARGS="
 prove: $(VENV)/.dev ## try every pair of faults for every base, for the table of docs/safety.md; ARGS="robot.toml" for one
 	@PYTHONPATH=tests $(BIN)/python -m scenario.prove $(ARGS)
 
-bench-rules: $(VENV)/.dev ## measure rules on noise: false raises, lateness, following
-	PYTHONPATH=tests $(BIN)/python tests/benchmarks/rules_report.py $(ARGS)
-
-bench-safety: $(VENV)/.dev ## run the program on streams that fail, and time how long its robot moves
-	PYTHONPATH=tests $(BIN)/python tests/benchmarks/old_pictures.py $(ARGS)
-
 bench-stopping: $(VENV)/.dev ## end the program in every way, and time how long the wheels of its robot are driven on
 	PYTHONPATH=tests $(BIN)/python tests/benchmarks/stopping.py $(ARGS)
-
-bench-liveness: $(VENV)/.dev ## freeze a robot's sensor under a clock or noise, and drive it through live rooms
-	PYTHONPATH=tests $(BIN)/python tests/benchmarks/liveness.py $(ARGS)
 
 pictures: $(VENV)/.dev ## make the pictures of the documentation again
 	PYTHONPATH=tests $(BIN)/python docs/pictures/make_pictures.py

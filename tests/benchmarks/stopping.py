@@ -2,9 +2,9 @@
 
 ::
 
-    python tests/benchmarks/stopping.py --runs 100
+    PYTHONPATH=tests python tests/benchmarks/stopping.py --runs 100
 
-``stadimeter run`` drives the emulated base of `base_under_load`, each in a process of its own: a real pseudo-terminal
+``stadimeter run`` drives the board of `support.program_and_board`, each in a process of its own: a real pseudo-terminal
 lies between them. At a random moment something happens, and the time from there to the first service of the board in
 which its motors are driven no more is noted. The board is served every 10 ms, and its wheels then run down: by 0.1 s
 to a third of their speed.
@@ -23,7 +23,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
-from base_under_load import Rig
+from support.program_and_board import Rig
 
 PATIENCE_S = 6.0
 RUN_S = 60.0

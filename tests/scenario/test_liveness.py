@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 import pytest
 
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import EventKind, SafetyMode
 from stadimeter.operator_actions import OperatorAction, OperatorCommand
+from support.changed_pictures import KINDS, NEVER_TWICE, ChangedCamera
+from support.programs import require
 
 ROOM = """
 [camera]
@@ -57,6 +61,16 @@ FROZEN_S = 2.0
 WITHIN_S = 0.5
 
 Run = Callable[..., Any]
+
+
+def path_of(points: Sequence[tuple[float, float, float]]) -> str:
+    places = ", ".join(f'{{ at = "{at_s:.2f} s", x = "{x:.2f} m", y = "{y:.2f} m" }}' for at_s, x, y in points)
+    return f"path = [{places}]\nloop = false\n"
+
+
+def room(rate_hz: int, noise: float, speed_mps: float) -> str:
+    text = ROOM.replace('"30 Hz"', f'"{rate_hz} Hz"\nnoise = {noise}')
+    return text.replace('max_speed = "0.3 m/s"', f'max_speed = "{speed_mps:.2f} m/s"')
 
 
 def set_knob(run: Any, knob: str, value: bool) -> Callable[[], None]:
@@ -173,3 +187,70 @@ def test_with_liveness_switched_off_nothing_is_judged(scenario: Run) -> None:
     run.run(3.0)
     assert all(record.observation.flow is None for record in run.records)
     assert min(run.base_speeds(2.5, 3.0)) > 0.2
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("number", range(4))
+def test_in_rooms_with_texture_a_robot_that_follows_is_not_stopped(scenario: Run, number: int) -> None:
+    """A ball wanders about for five minutes; noise, speed and path are others in each run."""
+    rng = np.random.default_rng((number, 12))
+    points, at_s, place_m = [(0.0, 1.5, 0.0)], 0.0, np.array([1.5, 0.0])
+    while at_s < 300.0:
+        at_s += rng.uniform(1.5, 6.0)
+        way_m = rng.uniform(-4.0, 4.0, 2) - place_m
+        place_m = place_m + way_m * min(1.0, rng.uniform(0.3, 1.5) / float(np.hypot(*way_m)))
+        points.append((at_s, *place_m))
+    text = room(15, rng.uniform(0.5, 5.0), rng.uniform(0.1, 0.45)) + f"seed = {number + 100}\n"
+    text = text.replace('"ball"\ndiameter = "20 cm"\nhsv = "29,86,6:64,255,255"', '"ideal"')
+    run = scenario(path_of(points), text=text).run(300.0)
+    assert reasons(run, EventKind.DISARMED) == []
+    assert reasons(run, EventKind.LIVENESS_UNKNOWN) == []
+    assert sum(is_driven(record) for record in run.records) / 15 > 60
+
+
+def is_driven(record: Any) -> bool:
+    return any(abs(each.linear_mps) + abs(each.angular_radps) > 0.02 for each in record.applied)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("is_turning", [False, True], ids=["ahead", "turning"])
+@pytest.mark.parametrize("kind", [each for each in KINDS if each != NEVER_TWICE])
+def test_old_pictures_in_which_something_changes_stop_a_robot_within_two_seconds(
+    scenario: Run, kind: str, is_turning: bool
+) -> None:
+    if "H.264" in kind:
+        require("ffmpeg")
+    rng = np.random.default_rng((2, 13))
+    text = room(30, rng.uniform(0.5, 5.0), rng.uniform(0.1, 0.4))
+    path = circling(rng) if is_turning else ahead(rng)
+    fails_s = rng.uniform(3.0, 4.5)
+    elsewhere = taken_by(scenario(path + "seed = 503\n", text=text)) if "elsewhere" in kind else []
+    run = scenario(path + "seed = 3\n", text=text)
+    change(run, kind, fails_s, elsewhere)
+    run.run(fails_s + 6.0)
+    driven_s = [record.observation.now_s for record in run.records if is_driven(record)]
+    assert fails_s - 0.2 < driven_s[-1] <= fails_s + 2.0
+
+
+def ahead(rng: np.random.Generator) -> str:
+    aside_rad, begin_m, end_m = rng.uniform(-0.35, 0.35), rng.uniform(2.0, 3.5), rng.uniform(8.0, 12.0)
+    x, y = math.cos(aside_rad), math.sin(aside_rad)
+    return path_of([(0.0, begin_m * x, begin_m * y), (20.0, end_m * x, end_m * y)])
+
+
+def circling(rng: np.random.Generator) -> str:
+    radius_m, turn_radps = rng.uniform(1.2, 2.5), rng.choice((-1, 1)) * rng.uniform(0.2, 0.6)
+    times_s = np.arange(0.0, 20.0, 0.5)
+    return path_of([(at, radius_m * math.cos(turn_radps * at), radius_m * math.sin(turn_radps * at)) for at in times_s])
+
+
+def change(run: Any, kind: str, fails_s: float, elsewhere: Sequence[Any]) -> ChangedCamera:
+    capture = run.loop.parts.capture
+    capture._camera = ChangedCamera(capture._camera, kind, fails_s, elsewhere)
+    return capture._camera
+
+
+def taken_by(run: Any) -> Sequence[Any]:
+    camera = change(run, NEVER_TWICE, math.inf, [])
+    run.run(12.0)
+    return camera.taken

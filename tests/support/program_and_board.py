@@ -1,18 +1,11 @@
-"""Runs the real program with a robot base beside processes that keep every core busy, and counts the base's faults.
+"""The real program and the emulated board of its base, each in a process of its own, with a pseudo-terminal between.
 
-::
-
-    python tests/benchmarks/base_under_load.py --runs 20 --seconds 60 --at-once 2
-
-``stadimeter run`` has a live camera and a detector that always see a ball 2 m away, so it drives all the time. The
-base is the emulated firmware in a process of its own, behind a pseudo-terminal. There is nothing wrong with it, so each
-fault is a false one. A real board has a processor for itself. The emulated one goes before everything else where that
-is allowed (root), and its longest pause is reported beside the faults: one beyond `LOST_AFTER_S` is a real silence.
+There is nothing wrong with the board until a test says so. A real board has a processor for itself: the emulated one
+goes before everything else where that is allowed (root).
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import queue
@@ -21,17 +14,15 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Self
 
 import numpy as np
-from msgspec import Struct, field
+from msgspec import Struct
 
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.bases.serial_base import LOST_AFTER_S
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
@@ -42,10 +33,9 @@ from stadimeter.simulation.firmware import RosArduinoFirmware
 
 FRAME_S = 1 / 30
 PATIENCE_S = 40.0
-CORES_BUSY = 2
 DEFECT = Path(os.environ.get("RIG_FOLDER", ".")) / "defect"
 WIDTH_PX, HEIGHT_PX = 64, 48
-CONFIGURATION = """
+STEADY = """
 [camera]
 driver = "steady"
 
@@ -56,7 +46,10 @@ fx_px = 60.0
 
 [targets.ball]
 detector = "steady"
+"""
+"""A live camera and a detector that always see a ball 2 m away, so that the robot drives all the time."""
 
+FOLLOWING = """
 [base]
 driver = "ros-arduino-bridge"
 port = "{port}"
@@ -67,13 +60,13 @@ track_width = "16 cm"
 [rules.follow]
 target = "ball"
 actuator = "base"
-follow = {{ distance = "1 m", max_speed = "0.3 m/s" }}
+follow = {{ distance = "1 m", max_speed = "0.3 m/s", search = "off" }}
 """
 ENTRY_POINTS = """
 [stadimeter.cameras]
-steady = base_under_load:SteadyCameraOptions
+steady = support.program_and_board:SteadyCameraOptions
 [stadimeter.detectors]
-steady = base_under_load:SteadyDetectorOptions
+steady = support.program_and_board:SteadyDetectorOptions
 """
 
 
@@ -143,10 +136,8 @@ class _Board(Struct):
     """The process of the emulated board: obeys words on its standard input, a line each."""
 
     plugged: bool = True
-    longest_pause_s: float = 0.0
     stopped_at_s: float = 0.0
     _was_driven: bool = False
-    _served_s: float = field(default_factory=time.monotonic)
 
     def serve(self) -> None:
         with suppress(PermissionError):
@@ -167,18 +158,14 @@ class _Board(Struct):
                     _fill(port.path)
                 case "report":
                     driven_mps = firmware.left.driven_mps
-                    report = {"pause_s": self.longest_pause_s, "driven_mps": driven_mps}
-                    print(json.dumps(report | {"stopped_at_s": self.stopped_at_s}), flush=True)
+                    print(json.dumps({"driven_mps": driven_mps, "stopped_at_s": self.stopped_at_s}), flush=True)
         port.close()
 
     def _measure(self, firmware: RosArduinoFirmware) -> None:
-        now_s = time.monotonic()
         is_driven = firmware.left.driven_mps != 0 or firmware.right.driven_mps != 0
         if self._was_driven and not is_driven:
-            self.stopped_at_s = now_s
+            self.stopped_at_s = time.monotonic()
         self._was_driven = is_driven
-        self.longest_pause_s = max(self.longest_pause_s, now_s - self._served_s)
-        self._served_s = now_s
 
 
 def _fill(path: str) -> None:
@@ -202,6 +189,7 @@ class Rig:
 
     Args:
         seconds: How long the program runs.
+        camera: The tables of its camera and its ball.
         is_port_real: Whether it gets the pseudo-terminal itself and not a link to it, which stays when the cable is
             pulled. Only a device is stopped by the watchdog process.
 
@@ -209,8 +197,8 @@ class Rig:
         lines: What the program says, a line each.
     """
 
-    def __init__(self, seconds: float, *, is_port_real: bool = False) -> None:
-        self._is_port_real = is_port_real
+    def __init__(self, seconds: float, camera: str = STEADY, *, is_port_real: bool = False) -> None:
+        self._camera, self._is_port_real = camera, is_port_real
         self.lines: queue.Queue[str] = queue.Queue()
         self.said: list[str] = []
         self._seconds = seconds
@@ -218,7 +206,7 @@ class Rig:
 
     def __enter__(self) -> Self:
         folder = Path(self._cleaning.enter_context(tempfile.TemporaryDirectory(prefix="base-under-load-")))
-        self._board = self._start([sys.executable, __file__, "--board"])
+        self._board = self._start([sys.executable, __file__])
         port = self._answer()
         self._defect = folder / DEFECT.name
         self._write_configuration(folder, str(Path(port).resolve()) if self._is_port_real else port)
@@ -267,7 +255,7 @@ class Rig:
         return self._board.stdout.readline().strip()
 
     def _start(self, command: Sequence[str], *python_path: Path) -> subprocess.Popen[str]:
-        paths = [*python_path, Path(__file__).parent, *filter(None, [os.environ.get("PYTHONPATH")])]
+        paths = [*python_path, Path(__file__).parents[1], *filter(None, [os.environ.get("PYTHONPATH")])]
         process = self._cleaning.enter_context(
             subprocess.Popen(
                 command,
@@ -281,68 +269,11 @@ class Rig:
         return process
 
     def _write_configuration(self, folder: Path, port: str) -> None:
-        (folder / "run.toml").write_text(CONFIGURATION.format(port=port))
+        (folder / "run.toml").write_text(self._camera + FOLLOWING.format(port=port))
         (folder / "rig-0.dist-info").mkdir()
         (folder / "rig-0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: rig\nVersion: 0\n")
         (folder / "rig-0.dist-info" / "entry_points.txt").write_text(ENTRY_POINTS)
 
 
-@contextmanager
-def busy_cores(processes: int = CORES_BUSY) -> Iterator[None]:
-    """Keep processes running that do nothing but count."""
-    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)]
-    try:
-        yield
-    finally:
-        for loop in loops:
-            loop.kill()
-            loop.wait()
-
-
-class Outcome(Struct, frozen=True, kw_only=True):
-    """What a run without any real fault came to."""
-
-    faults: list[str]
-    drove: bool
-    board_pause_s: float
-
-
-def healthy_run(seconds: float) -> Outcome:
-    """Run once with nothing wrong.
-
-    Args:
-        seconds: For how long.
-
-    Returns:
-        What it came to.
-    """
-    with Rig(seconds) as rig:
-        with suppress(queue.Empty):  # with a fault right at the beginning it never drives
-            rig.wait_for("base 0.3")
-        driven_mps = rig.board()["driven_mps"]
-        rig.program.wait(seconds + PATIENCE_S)
-        return Outcome(faults=rig.faults(), drove=driven_mps > 0, board_pause_s=rig.board()["pause_s"])
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
-    parser.add_argument("--board", action="store_true", help="be the board")
-    parser.add_argument("--runs", type=int, default=20)
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--at-once", type=int, default=1, help="how many runs go on at the same time")
-    arguments = parser.parse_args()
-    if arguments.board:
-        _Board().serve()
-        return
-    with busy_cores(), ThreadPoolExecutor(arguments.at_once) as pool:
-        outcomes = list(pool.map(healthy_run, [arguments.seconds] * arguments.runs))
-    for outcome in outcomes:
-        print(f"{len(outcome.faults)} faults, the board paused for up to {outcome.board_pause_s * 1e3:.0f} ms")
-        print("".join(outcome.faults), end="")
-    wrong = sum(bool(outcome.faults) for outcome in outcomes)
-    silent = sum(outcome.board_pause_s > LOST_AFTER_S for outcome in outcomes)
-    print(f"runs: {len(outcomes)}, with false faults: {wrong}, whose board really paused too long: {silent}")
-
-
 if __name__ == "__main__":
-    main()
+    _Board().serve()
