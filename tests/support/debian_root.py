@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import shlex
 import shutil
@@ -9,6 +10,7 @@ import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -18,6 +20,9 @@ from stadimeter.testing.rig import eventually
 from support.programs import why_missing
 
 # Root file systems of Debian to install into: made once by debootstrap, and then a layer for each trial.
+
+CLONE_NEWNS = 0x20000
+"""Of `unshare(2)`; `os.unshare` came with Python 3.12."""
 
 MIRROR = "http://deb.debian.org/debian"
 
@@ -94,6 +99,7 @@ def layered(below: Path, folder: Path) -> Iterator[DebianRoot]:
 
     Raises `subprocess.CalledProcessError` where nothing can be mounted.
     """
+    _leave_the_mounts_of_others()
     upper, work, root = (folder / name for name in ("upper", "work", "root"))
     for each in (upper, work, root):
         each.mkdir(parents=True)
@@ -106,6 +112,15 @@ def layered(below: Path, folder: Path) -> Iterator[DebianRoot]:
     finally:
         subprocess.run(["umount", "--recursive", "--lazy", str(root)], check=True, capture_output=True)
         shutil.rmtree(folder)
+
+
+@cache
+def _leave_the_mounts_of_others() -> None:
+    """Give this thread mounts of its own: what it mounts is gone with the process, however that ends."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.unshare(CLONE_NEWNS):
+        raise subprocess.CalledProcessError(1, "unshare", stderr=os.strerror(ctypes.get_errno()))
+    _mount("--make-rprivate", "/")
 
 
 def _mount(*arguments: str) -> None:
@@ -176,19 +191,7 @@ def booted(root: Path, folders: tuple[Path, ...]) -> Iterator[Booted]:
         if part.parent.is_dir():
             part.mkdir()
     script = BOOT.format(root=shlex.quote(str(root)), folders=" ".join(map(shlex.quote, map(str, folders))), name=name)
-    command = [
-        "unshare",
-        "--pid",
-        "--mount",
-        "--uts",
-        "--ipc",
-        "--cgroup",
-        "--fork",
-        "--kill-child",
-        "sh",
-        "-c",
-        script,
-    ]
+    command = [*"unshare --pid --mount --uts --ipc --cgroup --fork --kill-child sh -c".split(), script]
     outside = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     try:
         yield Booted(root, _process_1(outside))
