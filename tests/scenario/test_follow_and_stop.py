@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 import random
 import re
@@ -24,7 +23,6 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.command import TwistCommand
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import SafetyMode
-from stadimeter.simulation.motion import Pose
 from support.simulated_run import SIMULATED_BALL
 
 # A robot that follows a ball in the simulated world, through the whole program, as fast as the computer can.
@@ -52,9 +50,6 @@ MAX_SPEED_MPS, MAX_TURN_RADPS = 0.6, 2.0
 
 # What is applied is rounded to whole encoder ticks per frame of the sketch: this many m/s of a wheel.
 TICK_MPS = 0.004
-
-# In an eventful walk the ball leaves the view at this speed, and rests for this long.
-LEAVES_MPS, LEFT_S = 2.0, 10.0
 
 Path2 = Callable[[float], tuple[float, float]]
 """Where a ball is on the floor, by the time in seconds since the start."""
@@ -113,8 +108,6 @@ def follow(
     start_s = world.now_s
     world.ball.position_m = lambda at_s: (*ball(max(0.0, at_s - start_s)), 0.1)
     world._hand._path = world.ball.position_m
-    if isinstance(ball, EventfulWalk):
-        ball.robot_at = lambda at_s: world.robot.pose_at(start_s + at_s)
     moments: list[Moment] = []
 
     def listen(record: CycleRecord, _frame: object) -> None:
@@ -200,62 +193,6 @@ def random_walk(seed: int, seconds: float) -> Path2:
         return tuple(a + share * (b - a) for a, b in zip(here, there, strict=True))  # type: ignore[return-value]
 
     return at
-
-
-class EventfulWalk:
-    """A random walk of a ball that is hidden for 1 s, and leaves the view, in turn, every 20 to 35 s.
-
-    It leaves the view in an arc around the robot, by 60° to 170° to either side, at 2 m/s; there it rests for 10 s,
-    before it walks on.
-
-    Attributes:
-        robot_at: Where the robot is by the time in seconds since the start; `follow` sets it.
-        hidden_s: When it is hidden.
-        leaves_s: When it leaves the view.
-    """
-
-    def __init__(self, seed: int, seconds: float) -> None:
-        rng = random.Random(1000 + seed)  # noqa: S311 - the same walk each time
-        self._walk = random_walk(seed, seconds)
-        self._turns_rad: list[float] = []
-        self._arcs: list[tuple[complex, complex, complex]] = []
-        self.robot_at: Callable[[float], Pose] = lambda _: Pose(x_m=0.0, y_m=0.0, heading_rad=0.0)
-        self.hidden_s: list[float] = []
-        self.leaves_s: list[float] = []
-        at_s = rng.uniform(8, 15)
-        while at_s < seconds - 12:
-            if len(self.hidden_s) <= len(self.leaves_s):
-                self.hidden_s.append(at_s)
-            else:
-                self.leaves_s.append(at_s)
-                self._turns_rad.append(math.radians(rng.uniform(60, 170)) * rng.choice((-1, 1)))
-            at_s += rng.uniform(20, 35)
-
-    def is_hidden(self, at_s: float) -> bool:
-        """Return whether something stands before the ball."""
-        return any(since_s <= at_s < since_s + 1.0 for since_s in self.hidden_s)
-
-    def __call__(self, at_s: float) -> tuple[float, float]:
-        """Return where the ball is."""
-        while len(self._arcs) < len(self.leaves_s) and self.leaves_s[len(self._arcs)] <= at_s:
-            self._begin_arc()
-        begun = sum(since_s <= at_s for since_s in self.leaves_s)
-        place = complex(*self._walk(self._walked_s(at_s)))
-        if begun:
-            robot, ball, walk = self._arcs[begun - 1]
-            turn_rad, arm = self._turns_rad[begun - 1], ball - robot
-            share = min(1.0, (at_s - self.leaves_s[begun - 1]) * LEAVES_MPS / (abs(arm) * abs(turn_rad)))
-            place += robot + arm * cmath.rect(1, share * turn_rad) - walk
-        return place.real, place.imag
-
-    def _walked_s(self, at_s: float) -> float:
-        """Return for how long it has walked by a time."""
-        return at_s - sum(min(LEFT_S, max(0.0, at_s - since_s)) for since_s in self.leaves_s)
-
-    def _begin_arc(self) -> None:
-        since_s = self.leaves_s[len(self._arcs)]
-        robot, ball = self.robot_at(since_s), complex(*self(math.nextafter(since_s, 0.0)))
-        self._arcs.append((complex(robot.x_m, robot.y_m), ball, complex(*self._walk(self._walked_s(since_s)))))
 
 
 def rms(values: list[float]) -> float:
