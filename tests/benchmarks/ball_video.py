@@ -1,4 +1,4 @@
-"""A real video of a striped ball in a hand, against its outline by eye in 60 frames, and a fitted one in 125.
+"""A real video of a striped ball in a hand, against its outline by eye in 60 frames.
 
 `ball_video_by_eye.csv`: 60 of the 873 frames that show some of the ball, evenly spaced, whether they are measured or
 not; frame 787, cut off by the border, gave way to 784. They were outlined by eye on enlarged frames (four to six
@@ -11,12 +11,6 @@ centres by 1.7 % of the radius (p90 4.2 %).
 What both passes have in common was tested on 24 rendered balls, held, blurred and enlarged alike, whose size was not
 known when they were outlined: the radii came out 1.2 % too small (standard deviation 0.7 %). This is not corrected.
 With 1.2 % more, median and quantile below stay the same within 0.1 % and 0.01; p95 becomes 7.7 %.
-
-`ball_video_outline.csv`: circles through the steepest change of Lab's a* (green to red) along 180 rays, reweighted, and
-looked at. Frames in which it could not be told by eye are left out. In the 49 frames that can be compared (7 the same,
-42 between two of them) its radii are 0.8 % larger than those by eye, and differ by 0.9 % (median; p90 2.2 %, at most
-3.8 %). A circle as large as the area that is green by a* alone differs by 7 % and is mostly smaller: it cuts off the
-pale caps.
 
 Frames are counted from 0; centres and radii are in pixels.
 """
@@ -41,7 +35,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.measurement import TrackStatus
 from support.simulated_run import LENS
 
-BY_EYE, FITTED = (Path(__file__).parent / f"ball_video_{name}.csv" for name in ("by_eye", "outline"))
+BY_EYE = Path(__file__).parent / "ball_video_by_eye.csv"
 DIAMETER_M, FOCAL_PX = 0.064, 600.0
 """Neither is known; distances are compared as apparent sizes. Only how oblong these are depends on the focal length."""
 
@@ -84,12 +78,12 @@ class Comparison(Struct, frozen=True, kw_only=True):
 
 
 def ball_video(folder: Path) -> Part:
-    """Track the ball through the video, as a run does, and hold each figure to both outlines."""
+    """Track the ball through the video, as a run does, and hold each figure to the outline."""
     records = _run(folder / "green_ball.mp4")
     tracked = sum(record.decision.tracks[0].status is TrackStatus.TRACKING for record in records)
-    by_eye, fitted = (_compare(records, _outline(path)) for path in (BY_EYE, FITTED))
-    rows = [(what, told(by_eye), told(fitted)) for what, told in ROWS]
-    text = f"{tracked} of 1004 frames are tracked. {_spread()}\n\n" + table(("what", "by eye", "fitted"), rows)
+    by_eye = _compare(records, _outline(BY_EYE))
+    rows = [(what, told(by_eye)) for what, told in ROWS]
+    text = f"{tracked} of 1004 frames are tracked. {_spread()}\n\n" + table(("what", "by eye"), rows)
     facts = {
         "real video tracked": float(tracked),
         "real video quantile": by_eye.quantile,
@@ -134,7 +128,7 @@ def _spread() -> str:
     return (
         f"Sizes are compared with outlines by eye in {len(shares)} evenly spaced frames, drawn twice: the radii "
         f"differ by {np.median(shares):.1%} (p90 {np.quantile(shares, 0.9):.1%}), and are about 1 % too small, as "
-        "rendered balls showed. Outlines that were fitted apart agree with them to 0.9 %, but leave out hard frames."
+        "rendered balls showed."
     )
 
 

@@ -1,8 +1,8 @@
-"""How well a ball is measured as it is met outside: marked, on floors, in hands; and under common troubles."""
+"""How well a ball is measured as it is met outside: marked, on floors, in hands; and small ones that move."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import ours
 from msgspec import Struct
@@ -19,23 +19,15 @@ from support.scenes.scene import RenderedScene, Scene
 
 GROSS = 0.1
 LARGE_PX, SMALL_PX, BLURRED_PX, SILVER_PX = (20.0, 70.0), (5.0, 10.0), (5.0, 14.0), (10.0, 70.0)
-DOTS = 12
 CARPET_PX = (7.0, 35.0)
 CARPET_SPLIT_PX = 15.0
 CARPET_EVERY = 2
 SILVER_EVERY = 4
 """Of so many seeds, one is taken for silver balls."""
 
-CONDITIONS_EVERY = DOTS_EVERY = BLURRED_EVERY = 8
-"""Of so many seeds, one is taken for the other tables too: each of their cells then has 200 frames as well."""
+BLURRED_EVERY = 8
+"""Of so many seeds, one is taken for small and blurred balls."""
 
-CONDITIONS: dict[str, Callable[[Scene], Scene]] = {
-    "JPEG 80": nuisances.jpeg(80),
-    "JPEG 95": nuisances.jpeg(95),
-    "noise 8": nuisances.noise(8),
-    "blur 6": nuisances.motion(6),
-    "hidden 40 %": nuisances.hidden(0.4),
-}
 WALL = PlainBackdrop(bgr=(150, 155, 160))
 
 
@@ -48,7 +40,7 @@ class HardSample(Struct, frozen=True, kw_only=True):
 
 
 def run(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.start) -> Part:
-    """Measure so many hard balls, and a share of them under the other troubles."""
+    """Measure so many hard balls, and a share of them for the other tables."""
     found = over_seeds(samples_of, range(first_seed, first_seed + frames), workers)
     tables = {name: [each for each in found if each.table == name] for name in TABLES}
     text = "".join(f"{TABLES[name]}\n\n{_rows(samples)}\n" for name, samples in tables.items() if samples)
@@ -63,12 +55,10 @@ TABLES = {
         "around the ball's own, without its pale parts. A scene counts in a row of each group."
     ),
     "small": "The same with a radius from 5 to 10 px.",
-    "conditions": "A plain tennis ball, 10 to 70 px in radius, under one trouble at a time.",
     "carpet": (
         "A ball of 7 to 35 px in radius on a grey-brown carpet as bright as it to within a fifth, lit from above, so "
         "that its lower side is as dark as its contact shadow. JPEG of a quality from 75 to 95, with colour halved."
     ),
-    "dots": f"A plain ball with {DOTS} shapes of its colour around it, 5 to 70 px in radius.",
     "silver": (
         "A shiny ball of the colour of the wall, or grey before floors and clutter, that mirrors what is above and "
         "below, 10 to 70 px in radius. The detector is given no colours."
@@ -87,10 +77,6 @@ def samples_of(seed: int) -> list[HardSample]:
         found.append(_hard("small", hard_ball(seed + 500_000, SMALL_PX)))
     if seed % CARPET_EVERY == 1:
         found.append(_carpet(seed))
-    if seed % CONDITIONS_EVERY == 0:
-        found += list(_conditions(seed))
-    if seed % DOTS_EVERY == 1:
-        found += list(_dots(seed))
     if seed % BLURRED_EVERY == 2:
         found += list(_blurred(seed))
     if seed % SILVER_EVERY == 3:
@@ -124,20 +110,6 @@ def _plain(seed: int, radii_px: tuple[float, float]) -> tuple[Scene, str]:
     old = draw.ball_scene(seed)
     ball = replace(hard.scene.target, surface=None, bgr=old.target.bgr, floor_bgr=None)
     return replace(old, target=ball, backdrop=WALL), ours.BALL_HSV
-
-
-def _conditions(seed: int) -> Iterable[HardSample]:
-    scene, hsv = _plain(seed, (10.0, 70.0))
-    for behind, backdrop in (("plain", WALL), ("clutter", ClutterBackdrop())):
-        for name, trouble in CONDITIONS.items():
-            troubled = trouble(replace(scene, backdrop=backdrop))
-            yield _measured("conditions", ("all", f"{name}, {behind}"), troubled, render(troubled), hsv)
-
-
-def _dots(seed: int) -> Iterable[HardSample]:
-    scene, hsv = _plain(seed, (5.0, 70.0))
-    dotted = replace(scene, backdrop=ClutterBackdrop(distractors=DOTS))
-    yield _measured("dots", ("all",), dotted, render(dotted), hsv)
 
 
 def _blurred(seed: int) -> Iterable[HardSample]:

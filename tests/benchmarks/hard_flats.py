@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import get_args
+from collections.abc import Iterable, Sequence
 
 import ours
 from msgspec import Struct
@@ -16,18 +15,15 @@ from workload import over_seeds
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.ranging.measure import measure
-from support.scenes import draw, hard_flats, nuisances, taped
+from support.scenes import draw, hard_flats
 from support.scenes.cut_sheet import GroupTarget
 from support.scenes.hard_flats import BACKDROPS, CLUTTER, CURLED, DRAWN, ROOM, SHADED, HardFlat
 from support.scenes.render import render
-from support.scenes.rough import Rough, rough_flat
 from support.scenes.scene import RenderedScene, Scene
 
 GROSS = 0.1
 MM = 0.001
 ROOMS_A_SEED = 3
-TILTS_DEG = (0, 15, 30, 45)
-TAG_PX = 100.0
 LARGE_PX = (60.0, 300.0)
 APART = 100_000
 """Scenes before other backdrops are other scenes: their seeds lie so far apart."""
@@ -39,16 +35,7 @@ CARD, TAPE = "card ±1 mm", "tape ±1 mm"
 OF_EACH_BACKDROP = (CARD, TAPE)
 """What is measured so often before each backdrop that each has a row."""
 
-CUT, LENS, DISC, GRID, TAPED, ROUGH = "cut", "lens", "disc", "grid", "taped", "rough"
-PLAIN_ONLY = ("noise 8", "blur 6")
-CONDITIONS: dict[str, Callable[[Scene], Scene]] = {
-    "JPEG 80": nuisances.jpeg(80),
-    "JPEG 95": nuisances.jpeg(95),
-    "noise 8": nuisances.noise(8),
-    "blur 6": nuisances.motion(6),
-}
-HIDDEN = {"hidden 40 %": nuisances.hidden(0.4)}
-"""For discs only: of a sheet or a tag with its corners hidden there is nothing to measure."""
+CUT, DISC = "cut", "disc"
 
 ROOM_FINDERS = {
     "sheet": ("sheet", {}),
@@ -93,7 +80,7 @@ class RoomLook(Struct, frozen=True, kw_only=True):
 TABLES = {
     CUT: (
         f"What is measured with has the true focal length, and an edge bias of 0 ± {UNKNOWN_EDGE_BIAS_SIGMA_PX} px, as "
-        "`calibrate` writes it where nothing tells more, up to the troubles one at a time, further below. "
+        "`calibrate` writes it where nothing tells more. "
         "Cards meant to be 100 × 75 mm and strips of tape meant to be 127 × 51 mm, 15–60 px long and 8 px high at "
         "least, tilted by up to 45°, taken by cameras of random quality. ±1 mm: each place of a side (of tape: of an "
         "end) is off by up to 1 mm, evenly spread, 0.58 mm rms, smoothly along it. Cards are plain, drawn on, shaded, "
@@ -101,23 +88,7 @@ TABLES = {
         "say that it is ambiguous. A scene counts in a row of each group. Where its colour is "
         "given, that is a range around it. The 95 % interval is that of measurements of the target."
     ),
-    LENS: "Cards ±1 mm, 20–120 px, through a lens whose distortion (k1 up to ±0.08) the detector is not told.",
     DISC: "Discs of 12 cm, 20–240 px, tilted by up to 60°. Wrong is what lies outside of the disc in the picture.",
-    TAPED: (
-        "Two strips of lit tape of 51 × 127 mm side by side before the dark, 22–110 px long, with glints and glow; "
-        "small: in soft JPEGs of 320 × 240. One to three squares of 100 mm on a board of 400 × 300 mm, cut by hand, "
-        "each end of a side off by up to 1.4 px, 20–110 px; and the board. With a known side, that is the height."
-    ),
-    ROUGH: (
-        "A4 sheets before anything, green squares of 100 mm on a board and strips of lit tape, each end of a side off "
-        "by up to 0.2–1.2 % of its size and 0.3–1.2 px more, so that corners are a pixel or two off a rectangle. The "
-        "shorter side has 10–250 px at 640 × 480; small: 8–100 px in soft JPEGs of 320 × 240. With the tolerance: 0.7 "
-        "of the most that they are off as a share."
-    ),
-    GRID: (
-        "One trouble at a time: A4 0.6–4 m away, tags of 100 px and discs of 12 cm 0.3–3 m away, tilted by 0, 15, 30 "
-        "and 45° in turn, with the cameras of the old tables."
-    ),
 }
 
 
@@ -142,7 +113,7 @@ def run(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.start) ->
 
 def samples_of(seed: int) -> list[FlatSample]:
     """Measure what belongs to one seed: one scene for each cell."""
-    return [*_cut(seed), *_taped(seed), *_lens(seed), *_discs(seed), *_grid(seed), *_rough(seed)]
+    return [*_cut(seed), *_discs(seed)]
 
 
 def looks_of(seed: int) -> list[RoomLook]:
@@ -176,65 +147,10 @@ def _cut(seed: int) -> Iterable[FlatSample]:
     yield _flat(CUT, "large ±1 mm", large)
 
 
-def _taped(seed: int) -> Iterable[FlatSample]:
-    for name, flat in (
-        ("strips", taped.lit_tape(seed)),
-        ("small strips", taped.lit_tape(seed, small=True)),
-        ("squares", taped.cut_square(seed)),
-        ("board", taped.cut_square(seed, board=True)),
-    ):
-        made = render(flat.scene)
-        yield _flat(TAPED, name, flat, made=made)
-        yield _flat(TAPED, f"{name}, colour", flat, colour=flat.hsv, made=made)
-        yield _flat(TAPED, f"{name}, known side", flat, known_side="height", made=made)
-        yield _flat(TAPED, f"{name}, known side, colour", flat, colour=flat.hsv, known_side="height", made=made)
-
-
-def _rough(seed: int) -> Iterable[FlatSample]:
-    for what in get_args(Rough):
-        for size, small in (("", False), ("small ", True)):
-            flat = rough_flat(seed, what, small=small)
-            exact, made = replace(flat, cut_m=0.0), render(flat.scene)
-            kind = f"{size}{what}"
-            yield _flat(ROUGH, kind, exact, made=made)
-            yield _flat(ROUGH, f"{kind}, colour", exact, colour=flat.hsv, made=made)
-            yield _flat(ROUGH, f"{kind}, colour, tolerance", flat, colour=flat.hsv, made=made)
-            if what == "strip":
-                known_side = f"{kind}, known side, colour"
-                yield _flat(ROUGH, known_side, exact, colour=flat.hsv, known_side="height", made=made)
-
-
-def _lens(seed: int) -> Iterable[FlatSample]:
-    flat = hard_flats.hard_sheet(seed, MM, (20.0, 120.0), backdrop=BACKDROPS[seed % len(BACKDROPS)])
-    found = _flat(LENS, "all", replace(flat, scene=hard_flats.unknown_lens(flat.scene)))
-    yield replace(found, kinds=("all",))
-
-
 def _discs(seed: int) -> Iterable[FlatSample]:
     for backdrop in (CLUTTER, ROOM):
         flat = hard_flats.hard_disc(seed, backdrop=backdrop)
         yield _measured(DISC, ("all", f"before {backdrop}"), flat.scene, "disc")
-
-
-def _grid(seed: int) -> Iterable[FlatSample]:
-    tilt = math.radians(TILTS_DEG[seed % len(TILTS_DEG)])
-    for is_plain in (True, False):
-        behind = "plain" if is_plain else "clutter"
-        scenes = {
-            "sheet": draw.sheet_scene(seed, tilt, plain=is_plain),
-            "disc": draw.disc_scene(seed, tilt, plain=is_plain),
-            "tag": draw.tag_scene(seed, TAG_PX, tilt),
-        }
-        if is_plain:
-            scenes["tag"] = replace(scenes["tag"], backdrop=scenes["sheet"].backdrop)
-        for target, scene in scenes.items():
-            for name, trouble in _troubles(target).items():
-                if is_plain or name not in PLAIN_ONLY:
-                    yield _measured(GRID, ("all", f"{target}, {name}, {behind}"), trouble(scene), target)
-
-
-def _troubles(target: str) -> dict[str, Callable[[Scene], Scene]]:
-    return CONDITIONS | HIDDEN if target == "disc" else CONDITIONS
 
 
 def _flat(
@@ -242,32 +158,24 @@ def _flat(
     kind: str,
     flat: HardFlat,
     colour: str | None = None,
-    known_side: str = "auto",
-    made: RenderedScene | None = None,
 ) -> FlatSample:
-    """Measure a sheet or a strip with what a user would say of it; `made` is its scene if that was rendered before."""
+    """Measure a sheet or a strip with what a user would say of it."""
     options = {
         "width": f"{flat.width_m} m",
         "height": f"{flat.height_m} m",
         "hsv": colour,
-        "known_side": known_side,
         "min_side_px": hard_flats.LEAST_SIDE_PX,
         "tolerance": f"{flat.cut_m * SIGMAS_OF_A_CUT} m" if flat.cut_m > 0 else None,
     }
     kinds = ("all", flat.surface, kind)
     if kind in OF_EACH_BACKDROP:
         kinds += (f"{kind} before {flat.backdrop}",)
-    return _measured(name, kinds, flat.scene, "sheet", made, **options)
+    return _measured(name, kinds, flat.scene, "sheet", **options)
 
 
-def _measured(
-    name: str, kinds: tuple[str, ...], scene: Scene, target: str, made: RenderedScene | None = None, **options: object
-) -> FlatSample:
-    made = made or render(scene)
-    if target == "tag":
-        options["id"] = scene.target.number
-    camera = scene.camera if name in (TAPED, ROUGH) else draw.CAMERA
-    camera = camera if name == GRID else replace(camera, edge_bias_sigma_px=UNKNOWN_EDGE_BIAS_SIGMA_PX)
+def _measured(name: str, kinds: tuple[str, ...], scene: Scene, target: str, **options: object) -> FlatSample:
+    made = render(scene)
+    camera = replace(draw.CAMERA, edge_bias_sigma_px=UNKNOWN_EDGE_BIAS_SIGMA_PX)
     finder = ours.detector(target, camera, **options)
     found = finder.detect(ours.framed(made))
     measured = measure(found, finder.target_shape, found.measured_with or camera, 0.0)
@@ -286,7 +194,7 @@ def _of_nearest(sample: Sample, found: Detection, scene: Scene, made: RenderedSc
         return sample, False
     outlines = {made.truth.distance_m: made.truth.outline_px}
     if isinstance(scene.target, GroupTarget):
-        for other in (each for each in scene.target.others if each.width_m == scene.target.first.width_m):
+        for other in scene.target.others:
             points = other.outline_m()
             outlines[math.hypot(*other.position_m)] = scene.camera.project(points[:, :2] / points[:, 2:])
     centres = {true_m: outline.mean(axis=0) for true_m, outline in outlines.items()}

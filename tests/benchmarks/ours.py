@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from stadimeter.cameras.image_files import subsampling_of
-from stadimeter.config.plugins import DETECTORS, DriverContext, driver_names, load_driver
+from stadimeter.config.plugins import DETECTORS, DriverContext, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Prediction
 from stadimeter.core.frame import Frame, Image
@@ -39,11 +39,6 @@ DRIVERS = {"large ball": "ball", "ball of any colour": "ball", "plain sheet": "s
     f"{kind} of unknown size": kind for kind in ("ball", "disc", "sheet", "tag")
 }
 """Which entry point a target's detector has, where the names differ."""
-
-
-def exists(target: str) -> bool:
-    """Return whether there is a detector for a target."""
-    return DRIVERS.get(target, target) in driver_names(DETECTORS)
 
 
 @cache

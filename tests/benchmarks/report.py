@@ -70,8 +70,7 @@ def _real_pictures(facts: dict[str, float]) -> str:
     return (
         "**On real pictures:** a tennis ball on a plain mat, taped at 32 places, is measured with a median error of "
         f"{told['real ball median']} (90 % of them within {told['real ball p90']}), though the stated interval holds "
-        f"only {told['real ball held']} of them ({told['real ball held, upright']} with one slant of the camera for "
-        f"each height taken out); a sheet of letter paper on a door within {told['real sheet worst']}, "
+        f"only {told['real ball held']} of them; a sheet of letter paper on a door within {told['real sheet worst']}, "
         f"as well as its tape is known; twelve AprilTags within {told['real visp median']} of computed poses. "
         "Not so good: a striped ball that a hand waves about, on video: "
         f"{facts['real video tracked']:.0f} of 1004 frames are tracked (the ball is whole in 837), "

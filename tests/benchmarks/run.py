@@ -23,7 +23,6 @@ import floor
 import hard_balls
 import hard_flats
 import machinery
-import objects
 import picture_accuracy
 import real_pictures
 import recall
@@ -60,7 +59,6 @@ JOBS: dict[str, Job] = {
     "under water": _accuracy(under_water.run, 210),
     "camera place": _accuracy(camera_place.run, 200),
     "stereo": _accuracy(stereo.run, 220),
-    "objects": _accuracy(objects.run, 400),
     "floor": _accuracy(floor.run, 200),
     "unknown size": _accuracy(size_from_motion.run, 200),
     "empty": _accuracy(false_alarms.run, 600),

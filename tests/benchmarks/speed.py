@@ -106,7 +106,6 @@ def run(rounds: int = ROUNDS, scenes: int = SCENES, first_seed: int = draw.REPOR
     times = {
         what: {size: _timed(contenders(size, seeds), rounds, scenes) for size in SIZES_OF.get(what, SIZES)}
         for what, contenders in made.items()
-        if ours.exists(what)
     }
     text = (
         f"Medians of {rounds} rounds over {scenes} scenes, one OpenCV thread ({cv2.__version__}). Hot is the same work "
@@ -197,8 +196,6 @@ def _in_range(image: Image) -> object:
 
 
 def _ours(target: str, made: Sequence[RenderedScene], camera: CameraModel) -> list[Contender]:
-    if not ours.exists(target):
-        return []
     finder = ours.detector(target, camera)
     predictions = [ours.prediction_of(each.truth) for each in made]
     return [

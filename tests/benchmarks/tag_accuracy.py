@@ -68,8 +68,6 @@ def samples_of(seed: int) -> list[Sample]:
 
 
 def _ours(row: str, scene: Scene, made: RenderedScene) -> list[Sample]:
-    if not ours.exists("tag"):
-        return []
     detector = ours.detector("tag", scene.camera, id=scene.target.number)
     return [ours_of(row, scene.seed, made.truth, ours.measure(detector, made))]
 

@@ -11,12 +11,17 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from stadimeter.core.detection import Detection, DetectionStatus
 from support.scenes import draw
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
+from support.scenes.hard_flats import hard_tape
 from support.scenes.nuisances import BALL_NUISANCES
 from support.scenes.plane import Pose
 from support.scenes.render import render
+
+LEFT_OUT = ("ball error, radius 5–10 px", "everything but vision", "start-up")
+"""None of the balls of the first scenes is so small; the others are of the machinery."""
 
 RUN = Path(__file__).parent / "run.py"
 
@@ -26,7 +31,7 @@ def run_benchmarks(*arguments: str) -> str:
         [sys.executable, str(RUN), "--workers", "1", "--tuning", *arguments],
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=1200,
         check=False,
         env={**os.environ, "PYTHONWARNINGS": "error"},
     )
@@ -49,34 +54,20 @@ def sample(measured_m, *, sigma_m=0.01, row="clean", method="stadimeter", true_m
 
 
 @pytest.mark.long
-@pytest.mark.long
-def test_a_short_run_writes_a_report_with_every_trouble_and_every_goal(tmp_path) -> None:
-    from goals import GOALS
+@pytest.mark.timeout(1200)
+def test_every_part_runs_and_has_all_figures_of_its_goals(tmp_path) -> None:
+    """All parts but those that need real pictures, or time the whole program."""
+    from goals import GROUPS
+    from run import JOBS
 
-    run_benchmarks("--only", "ball", "--frames", "1", "--no-plots", "--out", str(tmp_path))
+    parts = [name for name in JOBS if name not in {"recall", "real", "machinery"}]
+    run_benchmarks("--only", *parts, "--frames", "4", "--rounds", "1", "--no-plots", "--out", str(tmp_path))
     report = (tmp_path / "report.md").read_text()
-    assert all(f"| {name} | 1 |" in report for name in BALL_NUISANCES)
-    assert all(goal.what in report for goal in GOALS)
-    assert not list(tmp_path.glob("*.svg"))
-
-
-@pytest.mark.long
-def test_every_other_part_runs_and_has_figures_for_its_goals() -> None:
-    import camera_place
-
-    parts = ("sheet", "disc", "tag", "empty", "speed", "hard flats", "unknown size", "camera place")
-    printed = run_benchmarks("--only", *parts, "--frames", "1", "--rounds", "1")
-    measured = [line for line in printed.splitlines() if line.startswith("| ") and "not measured" not in line]
-    for what in (
-        "against the tutorial at 640",
-        "sheet, tilt 0–60°, plain",
-        "clutter taken for a ball",
-        "card and tape cut by hand, ±1 mm, 15–60 px: found",
-        "unknown size, learnt over 0.5 m",
-        "sheet, JPEG 80, clutter | 1 ",
-        f"{camera_place.MOVED} | 1 ",
-    ):
-        assert any(what in line for line in measured), what
+    assert all(f"| {name} | 4 |" in report for name in BALL_NUISANCES)
+    goals = [goal for name, group in GROUPS.items() if name not in {"recall", "real"} for goal in group]
+    lines = {line.split(" | ")[0].removeprefix("| "): line for line in report.splitlines()}
+    missing = [goal.what for goal in goals if "not measured" in lines[goal.what]]
+    assert [what for what in missing if not what.startswith(LEFT_OUT)] == []
 
 
 def test_a_chart_is_drawn_the_same_byte_for_byte(tmp_path) -> None:
@@ -167,12 +158,6 @@ def test_the_tutorials_measure_what_is_plain_to_see() -> None:
     assert not tutorial.is_the_sheet(sheet.image, sheet.truth.outline_px + 200)
 
 
-def test_the_tutorial_sees_no_ball_before_a_plain_wall() -> None:
-    import tutorial
-
-    assert tutorial.ball_radius_px(render(replace(draw.empty_scene(1), backdrop=PlainBackdrop())).image) is None
-
-
 def test_the_libraries_for_tags_read_the_right_tag_and_its_range() -> None:
     import fiducials
 
@@ -226,3 +211,52 @@ def test_a_report_names_the_commit_as_it_was_before_its_own_charts(tmp_path, mon
     written = report.write_report(parts, tmp_path, 60.0, plots=True).read_text(encoding="utf-8")
     assert len(list(tmp_path.glob("*.svg"))) == 2
     assert (written.count("ommit abc"), written.count("dirty")) == (3, 0)
+
+
+def test_a_strip_is_compared_with_its_own_distance_and_the_twin_with_the_twin_s() -> None:
+    from hard_flats import _of_nearest
+
+    scene = next(flat.scene for flat in map(hard_tape, range(50)) if flat.twins)
+    made, twin = render(scene), scene.target.others[0]
+    corners = twin.outline_m()
+    far_off = 3 * made.truth.outline_px[0] - 2 * made.truth.outline_px.mean(axis=0)
+    places = [made.truth.outline_px.mean(axis=0), draw.CAMERA.project(corners[:, :2] / corners[:, 2:]).mean(axis=0)]
+    judged = [
+        _of_nearest(
+            sample(2.0), Detection(target="tape", status=DetectionStatus.FOUND, centre_px=tuple(place)), scene, made
+        )
+        for place in (*places, far_off)
+    ]
+    assert [each.true_m for each, _ in judged[:2]] == [made.truth.distance_m, math.hypot(*twin.position_m)]
+    assert [is_elsewhere for _, is_elsewhere in judged] == [False, False, True]
+
+
+# What is found on real pictures counts as found by its outline.
+
+SHEET = [(100.0, 100.0), (300.0, 110.0), (290.0, 250.0), (95.0, 240.0)]
+BALL = (120.0, 90.0, 40.0)
+
+
+@pytest.mark.parametrize(
+    ("seen", "is_the_sheet"),
+    [
+        ([*SHEET[2:], *SHEET[:2]], True),
+        (SHEET[::-1], True),
+        ([(x + 3, y - 2) for x, y in SHEET], True),
+        ([(x + 40, y) for x, y in SHEET], False),
+        ([(195 + 1.1 * (x - 195), 175 + 1.1 * (y - 175)) for x, y in SHEET], False),
+        ([*SHEET, (90.0, 170.0)], False),
+    ],
+)
+def test_a_sheet_is_found_where_it_is_from_whichever_corner(seen, is_the_sheet) -> None:
+    from recall import is_quad
+
+    assert is_quad(SHEET, seen) is is_the_sheet
+
+
+def test_a_ball_is_found_by_part_of_its_rim_and_not_by_another_circle() -> None:
+    from recall import _circle, is_circle
+
+    assert is_circle([(0.0, 0.0, 10.0), BALL], _circle(BALL)[:14])
+    assert not is_circle([BALL], _circle((120.0, 90.0, 43.0)))
+    assert not is_circle([BALL], _circle((130.0, 90.0, 40.0)))

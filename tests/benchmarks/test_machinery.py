@@ -36,18 +36,6 @@ def test_the_configuration_has_as_many_rules_as_it_says_and_they_do_something(tm
     assert '"kind":"raised"' in text
 
 
-@pytest.mark.long
-def test_the_start_of_every_command_is_timed_against_the_bare_import():
-    import start_up
-
-    rows = start_up.measure_all(processes=1)
-    assert [row.what for row in rows][:2] == [start_up.BARE, "stadimeter --help"]
-    assert all(row.median_s > 0 for row in rows)
-    assert rows[0].ratio == 1
-    assert set(start_up.facts(rows)) == {"start-up help", "start-up measure", "start-up run"}
-    assert start_up.markdown(rows).count("\n") == len(rows) + 1
-
-
 # The gate against creeping cost lets noise pass, and no cost that stays.
 
 

@@ -11,8 +11,7 @@ from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.ranging.measure import measure
 from support.scenes.draw import CAMERA
 from support.scenes.render import render
-from support.scenes.rough import rough_flat
-from support.scenes.taped import lit_tape
+from support.scenes.taped import lit_tape, rough_sheet
 
 pytestmark = pytest.mark.vision
 
@@ -76,7 +75,7 @@ def test_lit_strips_side_by_side_are_measured_by_one_side(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", [700009, 700035, 700059])
 def test_a_sheet_cut_askew_is_not_taken_to_hang_the_other_way(seed: int) -> None:
-    flat = rough_flat(seed, "sheet")
+    flat = rough_sheet(seed)
     made = render(flat.scene)
     options = {"width": f"{flat.width_m} m", "height": f"{flat.height_m} m", "hsv": flat.hsv}
     detector = SheetDetector("sheet", SheetOptions.model_validate(options))

@@ -60,8 +60,6 @@ LEAST_CONTRAST = 90.0
 TILTS_DEG = (0.0, 45.0)
 PLAIN, CURLED, DRAWN, SHADED = "plain", "curled", "drawn on", "shaded"
 SURFACES = (PLAIN, PLAIN, CURLED, DRAWN, SHADED)
-UNKNOWN_LENS_K1 = 0.08
-"""The most of the first radial coefficient of a lens that the detector takes for a perfect one."""
 
 
 T = TypeVar("T", bound=Target)
@@ -215,12 +213,6 @@ def hard_empty(seed: int) -> Scene:
     if rng.random() < 0.2:
         behind = backdrop_of(rng, TEXTURE, PAPER_BGR)
     return _taken(rng, seed, None, behind)
-
-
-def unknown_lens(scene: Scene) -> Scene:
-    """Look through a lens whose distortion nobody has measured: the detector is given `draw.CAMERA`."""
-    k1 = float(np.random.default_rng((scene.seed, 88)).uniform(-1, 1)) * UNKNOWN_LENS_K1
-    return replace(scene, camera=replace(scene.camera, distortion=(k1, 0.0, 0.0, 0.0, 0.0)))
 
 
 def backdrop_of(rng: np.random.Generator, kind: str, target_bgr: Colour) -> Backdrop:

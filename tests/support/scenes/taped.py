@@ -1,4 +1,4 @@
-"""Lit tape before the dark, and squares cut by hand on a board: flat things as robots and lessons measure by them."""
+"""Lit tape before the dark, and sheets whose corners are a pixel or two off a rectangle."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from stadimeter.core.camera_model import CameraModel
 from support.scenes import draw
 from support.scenes.backdrop import Backdrop, KeepOut, PlainBackdrop
 from support.scenes.cut_sheet import CutSheetTarget, GroupTarget, HandCut
-from support.scenes.hard_flats import HardFlat, backdrop_of, placed_whole
-from support.scenes.plane import Pose
+from support.scenes.hard_flats import CLUTTER, ROOM, WALL, HardFlat, backdrop_of, placed_whole
+from support.scenes.plane import PAPER_BGR, Pose
 from support.scenes.room import RoomBackdrop
 from support.scenes.scene import Scene
 from support.scenes.sensor import Blur, Sensor
-from support.scenes.target import Colour, Floats, Layer, Rays, Target
+from support.scenes.target import Colour, Floats, Target
 from support.scenes.tone import decode_srgb
 
 STRIP_M = (0.0508, 0.127)
@@ -37,16 +36,17 @@ STRIP_CUT_M = 0.001
 MAX_GLINTS, GLOW, GLOW_PX = 6, 0.06, (2.0, 9.0)
 """What else shines, and how much of the light goes how far astray, at most."""
 
-SQUARE_M, BOARD_M = 0.1, (0.4, 0.3)
-SQUARE_BGR: Colour = (70, 160, 60)
-BOARD_BGRS: tuple[Colour, ...] = ((225, 230, 232), (150, 190, 215), (45, 45, 48))
-SKEW_PX = (0.5, 1.4)
-"""By how much an end of a side is off, at least and at most; both sides that meet at a corner move it."""
+SKEW_PX = 1.4
+"""By how much an end of a strip is off, at most; both sides that meet at a corner move it."""
 
 MOST_SKEW = 0.02
-"""No end is off by more than this share of the side."""
+"""No end of a strip is off by more than this share of the side."""
 
-SMALL_CAMERA = CameraModel.with_focal_length(330.0, 320, 240)
+SHARES, EDGES_PX = (0.002, 0.012), (0.3, 1.2)
+"""By how much an end of a sheet's side is off at most: a share of the size for the knife, and pixels for its edges."""
+
+SHEET_SIZES_PX, MOST_OFF = (10.0, 250.0), 0.04
+"""The shorter side of such a sheet, were it not tilted; no end is off by more than this share of it."""
 
 
 class SkewCut(HandCut, frozen=True, kw_only=True):
@@ -121,25 +121,12 @@ class GlowBackdrop(Struct, frozen=True, kw_only=True):
         return self.inner.light(width_px, height_px, seed, keep_out) + spread[:, :, None] * decode_srgb(self.bgr)
 
 
-class BelowTarget(GroupTarget, frozen=True, kw_only=True):
-    """A board with other things on it. Its truth is that of the board."""
-
-    def layer(self, rays: Rays) -> Layer:
-        """Return what all of them cover, the board below."""
-        return GroupTarget(first=self.others[0], others=(*self.others[1:], self.first)).layer(rays)
-
-
-def lit_tape(seed: int, *, small: bool = False) -> HardFlat:
-    """Draw two strips of lit tape side by side, before black or a room in a hundredth of its light.
-
-    Args:
-        seed: The scene.
-        small: Whether the picture has 320 × 240 pixels, soft, stored as a JPEG.
-    """
+def lit_tape(seed: int) -> HardFlat:
+    """Draw two strips of lit tape side by side, before black or a room in a hundredth of its light."""
     rng = np.random.default_rng((seed, 92))
     bgr = LIT_BGRS[int(rng.integers(len(LIT_BGRS)))]
-    sheen, skew = float(rng.uniform(0.0, 0.08)), rng.uniform(0.0, SKEW_PX[1])
-    camera = SMALL_CAMERA if small else draw.CAMERA
+    sheen, skew = float(rng.uniform(0.0, 0.08)), rng.uniform(0.0, SKEW_PX)
+    camera = draw.CAMERA
 
     def strip(pose: Pose, own_seed: int) -> CutSheetTarget:
         level = replace(pose, roll_rad=pose.roll_rad / 8)
@@ -156,14 +143,13 @@ def lit_tape(seed: int, *, small: bool = False) -> HardFlat:
         return GroupTarget(first=first, others=(strip(replace(pose, position_m=(x_m, y_m, z_m)), seed + 1),))
 
     target = placed_whole(rng, made, max(STRIP_M), (22.0, 110.0), (0.0, 35.0), camera)
-    behind = before_the_dark(rng, target, bgr, camera)
-    scene = taken(rng, seed, camera, target, behind, small=small)
+    scene = _taken(rng, seed, target, _before_the_dark(rng, target, bgr))
     return HardFlat(
         scene=scene, backdrop="dark", cut_m=STRIP_CUT_M, width_m=STRIP_M[0], height_m=STRIP_M[1], twins=1, bgr=bgr
     )
 
 
-def before_the_dark(rng: np.random.Generator, target: GroupTarget, bgr: Colour, camera: CameraModel) -> Backdrop:
+def _before_the_dark(rng: np.random.Generator, target: GroupTarget, bgr: Colour) -> Backdrop:
     """Return black, or a room in a hundredth of its light, with glints and the glow of what is lit."""
     behind: Backdrop = PlainBackdrop(bgr=(int(rng.integers(3, 25)),) * 3)
     if rng.random() < 0.5:
@@ -172,59 +158,45 @@ def before_the_dark(rng: np.random.Generator, target: GroupTarget, bgr: Colour, 
     return GlowBackdrop(
         inner=behind,
         bgr=bgr,
-        outlines_px=tuple(tuple(map(tuple, camera.project(each).tolist())) for each in outlines),
+        outlines_px=tuple(tuple(map(tuple, draw.CAMERA.project(each).tolist())) for each in outlines),
         glints=int(rng.integers(MAX_GLINTS)),
         glow=float(rng.uniform(0, GLOW)),
         reach_px=float(rng.uniform(*GLOW_PX)),
     )
 
 
-def cut_square(seed: int, *, board: bool = False) -> HardFlat:
-    """Draw one to three green squares cut by hand on a board; with `board`, that is what is measured."""
-    rng = np.random.default_rng((seed, 93 + board))
-    board_bgr = BOARD_BGRS[int(rng.integers(len(BOARD_BGRS)))]
-    slots = rng.permutation(3)[: int(rng.integers(1, 4))]
-    places_m = [((slot - 1) * 0.13, float(rng.uniform(-0.06, 0.06))) for slot in slots.tolist()]
+def rough_sheet(seed: int) -> HardFlat:
+    """Draw an A4 sheet that was cut askew, with rough edges, before anything."""
+    rng = np.random.default_rng((seed, 97, 0, 0))
+    share, edge_px = float(rng.uniform(*SHARES)), float(rng.uniform(*EDGES_PX))
+    for _ in range(3):
+        rng.integers(3)  # those before the place are of no use any more, and the scenes of seeds stay as they were
+    longer_m, shorter_m = max(draw.SHEET_M), min(draw.SHEET_M)
+    knife_m = share * math.sqrt(longer_m * shorter_m)
 
-    def made(pose: Pose) -> Target:
-        level = replace(pose, roll_rad=pose.roll_rad / 4)
-        pixel_m = pose.position_m[2] / draw.CAMERA.fx_px
-        # On the board, or from the first square, which is what is placed then.
-        origin = (0.0, 0.0) if board else places_m[0]
-        first, *squares = (
-            _skewed(beside(level, place, origin), (SQUARE_M, SQUARE_M), pixel_m, SQUARE_BGR, seed + 10 * number)
-            for number, place in enumerate(places_m)
+    def made(pose: Pose) -> CutSheetTarget:
+        off_m = min(knife_m + edge_px * pose.position_m[2] / draw.CAMERA.fx_px, MOST_OFF * shorter_m)
+        return CutSheetTarget(
+            pose=replace(pose, roll_rad=pose.roll_rad / 4),
+            width_m=draw.SHEET_M[0],
+            height_m=draw.SHEET_M[1],
+            cut=SkewCut(ends_m=off_m, sides_m=off_m, seed=seed),
+            bgr=PAPER_BGR,
+            seed=seed,
         )
-        around = _skewed(beside(level, (0.0, 0.0), origin), BOARD_M, pixel_m, board_bgr, seed + 1)
-        if board:
-            return BelowTarget(first=around, others=(first, *squares))
-        return GroupTarget(first=first, others=(*squares, around))
 
-    side_m, sizes_px = (BOARD_M, (70.0, 400.0)) if board else ((SQUARE_M, SQUARE_M), (20.0, 110.0))
-    target = placed_whole(rng, made, max(side_m), sizes_px, (0.0, 20.0), draw.CAMERA)
-    behind = backdrop_of(rng, ("wall", "room")[int(rng.integers(2))], board_bgr)
-    scene = taken(rng, seed, draw.CAMERA, target, behind, small=False)
-    bgr = board_bgr if board else SQUARE_BGR
-    return HardFlat(scene=scene, backdrop="board", width_m=side_m[0], height_m=side_m[1], bgr=bgr)
+    least_px, most_px = (longer_m / shorter_m * each for each in SHEET_SIZES_PX)
+    sizes_px = (least_px, min(most_px, 0.7 * draw.CAMERA.height_px))
+    target = placed_whole(rng, made, longer_m, sizes_px, (0.0, 35.0))
+    kind = (WALL, CLUTTER, ROOM)[int(rng.integers(3))]
+    scene = _taken(rng, seed, target, backdrop_of(rng, kind, PAPER_BGR))
+    return HardFlat(scene=scene, backdrop=kind, cut_m=knife_m, width_m=draw.SHEET_M[0], height_m=draw.SHEET_M[1])
 
 
-def beside(pose: Pose, place_m: tuple[float, float], origin_m: tuple[float, float]) -> Pose:
-    x_m, y_m, z_m = pose.placed(np.array([place_m]) - origin_m)[0].tolist()
-    return replace(pose, position_m=(x_m, y_m, z_m))
-
-
-def _skewed(pose: Pose, side_m: tuple[float, float], pixel_m: float, bgr: Colour, seed: int) -> CutSheetTarget:
-    most_m = min(np.random.default_rng((seed, 95)).uniform(*SKEW_PX) * pixel_m, MOST_SKEW * min(side_m))
-    cut = SkewCut(ends_m=most_m, sides_m=most_m, seed=seed)
-    return CutSheetTarget(pose=pose, width_m=side_m[0], height_m=side_m[1], cut=cut, bgr=bgr, seed=seed)
-
-
-def taken(
-    rng: np.random.Generator, seed: int, camera: CameraModel, target: Target, behind: Backdrop, *, small: bool
-) -> Scene:
-    """Return the scene as a camera takes it; of small pictures a soft one, that stores JPEGs."""
+def _taken(rng: np.random.Generator, seed: int, target: Target, behind: Backdrop) -> Scene:
+    """Return the scene as a camera takes it."""
     blur = Blur(
-        sigma_px=float(rng.uniform(0.5, 1.5) if small else rng.uniform(0.5, 1.0)),
+        sigma_px=float(rng.uniform(0.5, 1.0)),
         motion_px=float(rng.choice([0.0, 0.0, rng.uniform(0, 1.5)])),
         direction_rad=float(rng.uniform(0, math.pi)),
     )
@@ -233,6 +205,6 @@ def taken(
         sharpening=float(rng.choice([0.0, 0.3])),
         noise=float(rng.uniform(0.5, 2.0)),
         shot_noise=float(rng.uniform(0.005, 0.03)),
-        jpeg_quality=int(rng.integers(70, 93)) if small or rng.random() < 0.5 else None,
+        jpeg_quality=int(rng.integers(70, 93)) if rng.random() < 0.5 else None,
     )
-    return Scene(camera=camera, target=target, seed=seed, backdrop=behind, blur=blur, sensor=sensor)
+    return Scene(camera=draw.CAMERA, target=target, seed=seed, backdrop=behind, blur=blur, sensor=sensor)
