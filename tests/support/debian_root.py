@@ -191,7 +191,8 @@ def booted(root: Path, folders: tuple[Path, ...]) -> Iterator[Booted]:
         if part.parent.is_dir():
             part.mkdir()
     script = BOOT.format(root=shlex.quote(str(root)), folders=" ".join(map(shlex.quote, map(str, folders))), name=name)
-    command = [*"unshare --pid --mount --uts --ipc --cgroup --fork --kill-child sh -c".split(), script]
+    apart = ("--pid", "--mount", "--uts", "--ipc", "--cgroup", "--fork", "--kill-child")
+    command = ["unshare", *apart, "sh", "-c", script]
     outside = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     try:
         yield Booted(root, _process_1(outside))
