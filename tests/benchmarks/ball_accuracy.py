@@ -55,7 +55,7 @@ def run(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.start) ->
         + "\nWhere assumptions end; radius above 20 px:\n\n"
         + _nuisance_table(_large(harder))
     )
-    return Part(title="Ball", text=text, charts=_charts(main), facts=_facts(main))
+    return Part(title="Ball", text=text, charts=[_chart(main)], facts=_facts(main))
 
 
 def samples_of(seed: int) -> list[Sample]:
@@ -183,28 +183,13 @@ def _facts(samples: list[Sample]) -> dict[str, float]:
     return facts
 
 
-def _charts(samples: list[Sample]) -> list[Chart]:
-    by_row = grouped(samples, lambda sample: sample.row)
-    bins = {f"{low}–{high} px": _of_radius(by_row["clean"], low, high) for low, high in pairwise(RADII_PX)}
-    return [
-        _error_chart("ball-error", "Ball: error by trouble", by_row),
-        _error_chart("ball-radius", "Ball, clean: error by radius", bins),
-        Chart(
-            name="ball-coverage",
-            title="Ball: how often the 95 % interval holds the truth",
-            axis="%",
-            rows=list(by_row),
-            series={OURS: [100 * _summary(of_row, OURS).coverage for of_row in by_row.values()]},
-            is_logarithmic=False,
-            band=(90, 99),
-        ),
-    ]
-
-
-def _error_chart(name: str, title: str, groups: dict[str, list[Sample]]) -> Chart:
+def _chart(samples: list[Sample]) -> Chart:
+    groups = grouped(samples, lambda sample: sample.row)
     series = {
         f"{method}, {what}": [100 * getattr(_summary(group, method), what) for group in groups.values()]
         for method in (OURS, TUTORIAL)
         for what in ("median", "p95")
     }
-    return Chart(name=name, title=title, axis="relative error, %", rows=list(groups), series=series)
+    return Chart(
+        name="ball-error", title="Ball: error by trouble", axis="relative error, %", rows=list(groups), series=series
+    )

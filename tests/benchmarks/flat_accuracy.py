@@ -8,7 +8,7 @@ from functools import cache
 import ours
 import tutorial
 from msgspec.structs import replace
-from part import Chart, Part, table
+from part import Part, table
 from samples import OURS, TUTORIAL, Sample, grouped, ours_of, summarise
 from workload import over_seeds
 
@@ -41,8 +41,7 @@ def run_sheet(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.sta
     assumed = [sample for sample in samples if not sample.row.startswith(OTHER_CAMERA)]
     text += f"\nCameras that differ from what is assumed of them; plain, {TROUBLED_TILT_DEG}°:\n\n"
     text += _table([sample for sample in samples if sample.row.startswith(OTHER_CAMERA)])
-    rows = list(grouped(assumed, lambda sample: sample.row))
-    return Part(title="Sheet", text=text, charts=[_chart("sheet", assumed, rows)], facts=_facts("sheet", assumed))
+    return Part(title="Sheet", text=text, facts=_facts("sheet", assumed))
 
 
 def run_disc(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.start) -> Part:
@@ -168,14 +167,3 @@ def _facts(what: str, samples: list[Sample]) -> dict[str, float]:
     for name, of_row in grouped(mine, lambda sample: tilts.get(sample.row, sample.row)).items():
         facts[f"{what} {name} coverage"] = summarise(of_row, GROSS).coverage
     return facts
-
-
-def _chart(what: str, samples: list[Sample], rows: list[str]) -> Chart:
-    series = {}
-    for method in (OURS, TUTORIAL):
-        by_row = grouped([sample for sample in samples if sample.method == method], lambda sample: sample.row)
-        summaries = [summarise(by_row[row], GROSS) for row in rows]
-        series |= {f"{method}, {key}": [100 * getattr(s, key) for s in summaries] for key in ("median", "p95")}
-    return Chart(
-        name=f"{what}-error", title="Sheet: error by scene", axis="relative error, %", rows=rows, series=series
-    )

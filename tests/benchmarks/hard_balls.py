@@ -13,15 +13,12 @@ from workload import over_seeds
 
 from support.scenes import draw, nuisances
 from support.scenes.backdrop import ClutterBackdrop, PlainBackdrop
-from support.scenes.hard_balls import BACKDROPS, HardBall, ball_on_carpet, hard_ball, silver_ball
+from support.scenes.hard_balls import BACKDROPS, HardBall, hard_ball, silver_ball
 from support.scenes.render import render
 from support.scenes.scene import RenderedScene, Scene
 
 GROSS = 0.1
 LARGE_PX, SMALL_PX, BLURRED_PX, SILVER_PX = (20.0, 70.0), (5.0, 10.0), (5.0, 14.0), (10.0, 70.0)
-CARPET_PX = (7.0, 35.0)
-CARPET_SPLIT_PX = 15.0
-CARPET_EVERY = 2
 SILVER_EVERY = 4
 """Of so many seeds, one is taken for silver balls."""
 
@@ -55,10 +52,6 @@ TABLES = {
         "around the ball's own, without its pale parts. A scene counts in a row of each group."
     ),
     "small": "The same with a radius from 5 to 10 px.",
-    "carpet": (
-        "A ball of 7 to 35 px in radius on a grey-brown carpet as bright as it to within a fifth, lit from above, so "
-        "that its lower side is as dark as its contact shadow. JPEG of a quality from 75 to 95, with colour halved."
-    ),
     "silver": (
         "A shiny ball of the colour of the wall, or grey before floors and clutter, that mirrors what is above and "
         "below, 10 to 70 px in radius. The detector is given no colours."
@@ -75,8 +68,6 @@ def samples_of(seed: int) -> list[HardSample]:
     number = seed // len(BACKDROPS)
     if number % 2 == 0:
         found.append(_hard("small", hard_ball(seed + 500_000, SMALL_PX)))
-    if seed % CARPET_EVERY == 1:
-        found.append(_carpet(seed))
     if seed % BLURRED_EVERY == 2:
         found += list(_blurred(seed))
     if seed % SILVER_EVERY == 3:
@@ -95,13 +86,6 @@ def _hard(name: str, hard: HardBall) -> HardSample:
     marking, _, felt = hard.surface.partition(", ")
     kinds = ("all", f"on {hard.backdrop}", f"with {marking}", felt or "smooth", held, str(hard.scene.sensor.tone))
     return _measured(name, kinds, hard.scene, render(hard.scene), hard.hsv)
-
-
-def _carpet(seed: int) -> HardSample:
-    on_carpet = ball_on_carpet(seed, CARPET_PX)
-    size = "7 to 15 px" if on_carpet.radius_px < CARPET_SPLIT_PX else "15 to 35 px"
-    kinds = ("all", size, on_carpet.colour, str(on_carpet.scene.sensor.tone))
-    return _measured("carpet", kinds, on_carpet.scene, render(on_carpet.scene), on_carpet.hsv)
 
 
 def _plain(seed: int, radii_px: tuple[float, float]) -> tuple[Scene, str]:

@@ -35,9 +35,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 }
 """What each detector is told, by the name of the target."""
 
-DRIVERS = {"large ball": "ball", "ball of any colour": "ball", "plain sheet": "sheet"} | {
-    f"{kind} of unknown size": kind for kind in ("ball", "disc", "sheet", "tag")
-}
+DRIVERS = {"large ball": "ball", "ball of any colour": "ball", "plain sheet": "sheet"}
 """Which entry point a target's detector has, where the names differ."""
 
 

@@ -10,7 +10,7 @@ from msgspec import Struct, field
 
 
 class Chart(Struct, frozen=True, kw_only=True):
-    """What to plot: a dot for each row and series.
+    """What to plot: a dot for each row and series, on a logarithmic axis.
 
     Attributes:
         name: The name of its file, without folder and ending.
@@ -18,8 +18,6 @@ class Chart(Struct, frozen=True, kw_only=True):
         axis: What the figures are, with their unit.
         rows: From top to bottom.
         series: The figures of each series, as many as rows; NaN for none.
-        is_logarithmic: Whether the axis is.
-        band: What is asked for, as a range to shade; None for none.
     """
 
     name: str
@@ -27,8 +25,6 @@ class Chart(Struct, frozen=True, kw_only=True):
     axis: str
     rows: Sequence[str]
     series: dict[str, Sequence[float]]
-    is_logarithmic: bool = True
-    band: tuple[float, float] | None = None
 
 
 class Part(Struct, frozen=True, kw_only=True):

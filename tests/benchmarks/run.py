@@ -15,23 +15,16 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import ball_accuracy
-import camera_place
-import circles_accuracy
 import false_alarms
 import flat_accuracy
-import floor
 import hard_balls
 import hard_flats
 import machinery
-import picture_accuracy
 import real_pictures
 import recall
-import size_from_motion
 import speed
 import start_up
-import stereo
 import tag_accuracy
-import under_water
 from goals import goals_table
 from part import Part
 from report import facts_of, replace_parts, write_report
@@ -54,13 +47,6 @@ JOBS: dict[str, Job] = {
     "sheet": _accuracy(flat_accuracy.run_sheet, 60),
     "disc": _accuracy(flat_accuracy.run_disc, 60),
     "tag": _accuracy(tag_accuracy.run, 48),
-    "picture": _accuracy(picture_accuracy.run, 210),
-    "circles": _accuracy(circles_accuracy.run, 210),
-    "under water": _accuracy(under_water.run, 210),
-    "camera place": _accuracy(camera_place.run, 200),
-    "stereo": _accuracy(stereo.run, 220),
-    "floor": _accuracy(floor.run, 200),
-    "unknown size": _accuracy(size_from_motion.run, 200),
     "empty": _accuracy(false_alarms.run, 600),
     "real": lambda _asked, _seed: real_pictures.run(),
     "machinery": lambda _asked, _seed: machinery_part(),

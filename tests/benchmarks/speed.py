@@ -19,7 +19,7 @@ import numpy as np
 import ours
 import tutorial
 from msgspec import Struct
-from part import Chart, Part, table
+from part import Part, table
 from workload import one_thread
 
 from stadimeter.core.camera_model import CameraModel
@@ -39,8 +39,6 @@ SCENES = 8
 ROUNDS = 8
 HOT_REPEATS = 3
 """In each round, so often in a row after once without looking at the clock."""
-MEAN_OVER, MEAN_REPEATS = 5, 5
-"""The mean is over so many times as many scenes, of the least of so many times each."""
 TAG_SIDES_PX = (48.0, 64.0, 100.0)
 
 TITLES = {
@@ -113,17 +111,9 @@ def run(rounds: int = ROUNDS, scenes: int = SCENES, first_seed: int = draw.REPOR
         "Ours is detection and measurement together, unless a row says what it is; in brackets how many times faster "
         f"than what is named there. Tracking is told where the target is, to {ours.PREDICTION_SIGMA_PX:g} px.\n"
     )
-    means = _mean_of_minima(first_seed, MEAN_OVER * scenes)
-    text += (
-        f"\nA few pictures with many things of the ball's colour take much longer. Mean over {MEAN_OVER * scenes} "
-        f"scenes with a ball on clutter at 640, the least of {MEAN_REPEATS} times each: "
-        + ", ".join(f"{name} {us:.0f} µs ({means['tutorial'] / us:.1f}×)" for name, us in means.items())
-        + ".\n"
-    )
     for what, by_size in times.items():
         text += f"\n### {TITLES[what]}, µs\n\n{_table(by_size, AGAINST[what])}"
-    charts = [_chart(what, by_size) for what, by_size in times.items()]
-    return Part(title="Speed", text=text, charts=charts, facts=_facts(times) | _mean_facts(means))
+    return Part(title="Speed", text=text, facts=_facts(times))
 
 
 def _camera(size: Size) -> CameraModel:
@@ -245,21 +235,6 @@ def _timed(contenders: Sequence[Contender], rounds: int, scenes: int) -> Times:
     }
 
 
-def _mean_of_minima(first_seed: int, scenes: int) -> dict[str, float]:
-    """Return the mean over scenes with a ball of the least time of each contender, in microseconds."""
-    contenders = _ball_contenders(SIZES[0], range(first_seed, first_seed + scenes))
-    return {
-        each.name: 1e6
-        * statistics.fmean(min(_seconds(each, number) for _ in range(MEAN_REPEATS)) for number in range(scenes))
-        for each in contenders
-    }
-
-
-def _mean_facts(means: dict[str, float]) -> dict[str, float]:
-    ours_of = {name: us for name, us in means.items() if name.startswith("stadimeter")}
-    return {f"ball {name} mean speed-up": means["tutorial"] / us for name, us in ours_of.items()}
-
-
 def _seconds(contender: Contender, number: int) -> float:
     began_s = perf_counter()
     contender.work(number)
@@ -272,17 +247,6 @@ def _table(times: dict[Size, Times], against: str) -> str:
     columns = [of_size[state] for of_size in times.values() for state in STATES]
     rows = [[name, *(f"{each[name]:.0f} ({each[against] / each[name]:.1f}×)" for each in columns)] for name in names]
     return table(head, rows)
-
-
-def _chart(what: str, times: dict[Size, Times]) -> Chart:
-    rows = list(next(iter(times.values()))["hot"])
-    series = {
-        f"{width}×{height}, {state}": [of_size[state][row] for row in rows]
-        for (width, height), of_size in times.items()
-        for state in STATES
-    }
-    name = f"{what}-time".replace(" ", "-")
-    return Chart(name=name, title=f"Time of a frame: {what}", axis="µs", rows=rows, series=series)
 
 
 def _facts(times: dict[str, dict[Size, Times]]) -> dict[str, float]:

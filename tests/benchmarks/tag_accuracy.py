@@ -7,7 +7,7 @@ from functools import cache
 
 import fiducials
 import ours
-from part import Chart, Part, table
+from part import Part, table
 from samples import OURS, Sample, grouped, ours_of, summarise
 from workload import over_seeds
 
@@ -40,9 +40,8 @@ def run(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.start) ->
         + _table(assumed, methods)
         + f"\nCameras that differ from what is assumed of them; {CAMERA_SIZE_PX} px:\n\n"
         + _table(others, methods)
-        + ("" if OURS in methods else "\nThere is no detector of our own for tags yet.\n")
     )
-    return Part(title="Tag", text=text, charts=[_chart(assumed, methods)], facts=_facts(assumed))
+    return Part(title="Tag", text=text, facts=_facts(assumed))
 
 
 def samples_of(seed: int) -> list[Sample]:
@@ -94,10 +93,8 @@ def _table(samples: list[Sample], methods: list[str]) -> str:
     for name, of_row in grouped(samples, lambda sample: sample.row).items():
         summaries = [summarise([s for s in of_row if s.method == method], GROSS) for method in methods]
         cells = [f"{each.percents} ({100 * each.found:.0f})" for each in summaries]
-        ours_at = methods.index(OURS) if OURS in methods else None
-        extra = [] if ours_at is None else [_bias_and_coverage(summaries[ours_at])]
-        rows.append([name, *cells, *extra])
-    return table(["size", *methods, *(["ours: bias px, 95 % interval holds %"] if OURS in methods else [])], rows)
+        rows.append([name, *cells, _bias_and_coverage(summaries[methods.index(OURS)])])
+    return table(["size", *methods, "ours: bias px, 95 % interval holds %"], rows)
 
 
 def _bias_and_coverage(summary) -> str:
@@ -106,7 +103,7 @@ def _bias_and_coverage(summary) -> str:
 
 def _facts(samples: list[Sample]) -> dict[str, float]:
     mine = [sample for sample in samples if sample.method == OURS]
-    facts = {"tag coverage": summarise(mine, GROSS).coverage} if mine else {}
+    facts = {"tag coverage": summarise(mine, GROSS).coverage}
     for name, of_row in grouped(mine, lambda sample: sample.row).items():
         summary = summarise(of_row, GROSS)
         facts[f"tag {name}"] = summary.median
@@ -114,10 +111,3 @@ def _facts(samples: list[Sample]) -> dict[str, float]:
     for trouble, of_trouble in grouped(mine, lambda sample: sample.row.partition(" px ")[2] or "clean").items():
         facts[f"tag {trouble} coverage"] = summarise(of_trouble, GROSS).coverage
     return facts
-
-
-def _chart(samples: list[Sample], methods: list[str]) -> Chart:
-    rows = list(grouped(samples, lambda sample: sample.row))
-    by_both = grouped(samples, lambda sample: f"{sample.row}/{sample.method}")
-    series = {method: [100 * summarise(by_both[f"{row}/{method}"], GROSS).median for row in rows] for method in methods}
-    return Chart(name="tag-error", title="Tag: median error", axis="relative error, %", rows=rows, series=series)

@@ -23,21 +23,6 @@ from support.scenes.render import render
 LEFT_OUT = ("ball error, radius 5–10 px", "everything but vision", "start-up")
 """None of the balls of the first scenes is so small; the others are of the machinery."""
 
-RUN = Path(__file__).parent / "run.py"
-
-
-def run_benchmarks(*arguments: str) -> str:
-    done = subprocess.run(
-        [sys.executable, str(RUN), "--workers", "1", "--tuning", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=1200,
-        check=False,
-        env={**os.environ, "PYTHONWARNINGS": "error"},
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
 
 def sample(measured_m, *, sigma_m=0.01, row="clean", method="stadimeter", true_m=2.0):
     from samples import Sample
@@ -61,7 +46,11 @@ def test_every_part_runs_and_has_all_figures_of_its_goals(tmp_path) -> None:
     from run import JOBS
 
     parts = [name for name in JOBS if name not in {"recall", "real", "machinery"}]
-    run_benchmarks("--only", *parts, "--frames", "4", "--rounds", "1", "--no-plots", "--out", str(tmp_path))
+    how = ["--workers", "1", "--tuning", "--frames", "4", "--rounds", "1", "--no-plots", "--out", tmp_path]
+    command = [sys.executable, Path(__file__).with_name("run.py"), *how, "--only", *parts]
+    warned = {**os.environ, "PYTHONWARNINGS": "error"}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=1200, check=False, env=warned)
+    assert done.returncode == 0, done.stderr
     report = (tmp_path / "report.md").read_text()
     assert all(f"| {name} | 4 |" in report for name in BALL_NUISANCES)
     goals = [goal for name, group in GROUPS.items() if name not in {"recall", "real"} for goal in group]
@@ -76,7 +65,7 @@ def test_a_chart_is_drawn_the_same_byte_for_byte(tmp_path) -> None:
     from plots import draw_chart
 
     series = {"stadimeter, median": [0.1, math.nan], "tutorial, median": [3.0, 4.0]}
-    chart = Chart(name="errors", title="Errors", axis="%", rows=["one", "two"], series=series, band=(1, 2))
+    chart = Chart(name="errors", title="Errors", axis="%", rows=["one", "two"], series=series)
     first = draw_chart(chart, tmp_path).read_bytes()
     assert first == draw_chart(chart, tmp_path).read_bytes()
     assert b"two" in first
@@ -198,19 +187,6 @@ def test_a_part_takes_its_place_in_the_report_with_its_goals_and_its_commit(tmp_
     assert grown.startswith(new)
     assert grown.endswith("| fast |\n")
     assert grown.count("Measured at commit ") == 3
-
-
-@pytest.mark.long
-def test_a_report_names_the_commit_as_it_was_before_its_own_charts(tmp_path, monkeypatch) -> None:
-    import report
-    from part import Chart, Part
-
-    monkeypatch.setattr(report, "commit", lambda: "abc-dirty" if list(tmp_path.glob("*.svg")) else "abc")
-    charts = [Chart(name=name, title=name, axis="m", rows=["clean"], series={"ours": [1.0]}) for name in ("one", "two")]
-    parts = [Part(title=chart.name, text="", charts=[chart]) for chart in charts]
-    written = report.write_report(parts, tmp_path, 60.0, plots=True).read_text(encoding="utf-8")
-    assert len(list(tmp_path.glob("*.svg"))) == 2
-    assert (written.count("ommit abc"), written.count("dirty")) == (3, 0)
 
 
 def test_a_strip_is_compared_with_its_own_distance_and_the_twin_with_the_twin_s() -> None:

@@ -21,7 +21,7 @@ from support.scenes.occluder import Hand
 from support.scenes.scene import Scene
 from support.scenes.sensor import Blur, Sensor
 from support.scenes.target import Colour
-from support.scenes.tone import Tone, decode_srgb
+from support.scenes.tone import Tone
 
 BALLS: dict[str, Colour] = {
     "yellowish green": (60, 215, 190),
@@ -41,8 +41,6 @@ GROUNDS: dict[Ground, tuple[tuple[Colour, ...], tuple[float, float]]] = {
 }
 SKINS: tuple[Colour, ...] = ((105, 130, 178), (125, 150, 205), (70, 95, 140), (45, 60, 95))
 TONES = (Tone.SRGB, Tone.SRGB, Tone.SRGB, Tone.GAMMA_2_4, Tone.GAMMA_1_8, Tone.S_CURVE)
-CARPET_BGR: Colour = (92, 100, 112)
-LUMINANCE = np.array((0.0722, 0.7152, 0.2126))
 WALL, CLUTTER, PALE = "wall", "clutter", "wall as bright as the ball"
 BACKDROPS = (*(str(ground) for ground in Ground), WALL, CLUTTER, PALE)
 HUE_MARGIN, SATURATION_SHARE, VALUE_SHARE = 12, 0.5, 0.22
@@ -57,7 +55,6 @@ class HardBall(Struct, frozen=True, kw_only=True):
     surface: str
     backdrop: str
     has_hand: bool
-    radius_px: float
 
 
 def hard_ball(
@@ -91,63 +88,7 @@ def hard_ball(
         surface=surface_name,
         backdrop=kind,
         has_hand=hand is not None,
-        radius_px=ball.apparent_px(camera) / 2,
     )
-
-
-def ball_on_carpet(seed: int, radii_px: tuple[float, float], camera: CameraModel = CAMERA) -> HardBall:
-    """Draw a plain ball on a carpet about as bright as it, with a contact shadow, as JPEG with halved colour.
-
-    Only colour tells where the ball ends: above, it is a little brighter or darker than the carpet, and below, it is as
-    dark as its shadow.
-    """
-    rng = np.random.default_rng((seed, 81))
-    colour = str(rng.choice(("orange", "orange", "red", "green", "blue")))
-    bgr = BALLS[colour]
-    # The carpet has the light of the ball in the sum of the channels, by a fifth more or less.
-    level = float(decode_srgb(bgr).dot(LUMINANCE)) * float(rng.uniform(0.8, 1.2))
-    tint = decode_srgb(CARPET_BGR)
-    floor_bgr = _encoded(tint * (level / tint.dot(LUMINANCE)))
-    ball = _placed(rng, camera, radii_px, BallSurface(bgr=bgr, marking=Marking.NONE, seed=seed), floor_bgr)
-    scene = Scene(
-        camera=camera,
-        target=replace(ball, light=(float(rng.uniform(-0.6, 0.6)), -1.0, float(rng.uniform(-0.8, -0.2)))),
-        seed=seed,
-        backdrop=FloorBackdrop(
-            ground=Ground.CARPET,
-            bgr=floor_bgr,
-            contrast=float(rng.uniform(0.1, 0.35)),
-            grain_px=float(rng.uniform(1.2, 3.0)),
-            slant=float(rng.uniform(0.2, 0.8)),
-            shadow=float(rng.uniform(0.4, 0.85)),
-            shadow_rad=float(rng.uniform(0, math.pi)),
-        ),
-        blur=Blur(sigma_px=float(rng.uniform(0.6, 1.0))),
-        sensor=Sensor(
-            exposure_ev=float(rng.uniform(-0.8, 0.1)),
-            tone=TONES[int(rng.integers(len(TONES)))],
-            sharpening=float(rng.choice([0.0, 0.3])),
-            noise=float(rng.uniform(0.5, 2.0)),
-            shot_noise=float(rng.uniform(0.005, 0.03)),
-            jpeg_quality=int(rng.integers(75, 96)),
-        ),
-    )
-    return HardBall(
-        scene=scene,
-        hsv=picked_range(bgr, floor_bgr),
-        colour=colour,
-        surface=str(Marking.NONE),
-        backdrop=str(Ground.CARPET),
-        has_hand=False,
-        radius_px=ball.apparent_px(camera) / 2,
-    )
-
-
-def _encoded(light: np.ndarray) -> Colour:
-    """Return the code values of sRGB whose light comes nearest."""
-    table = decode_srgb(np.arange(256))
-    blue, green, red = (int(np.abs(table - part).argmin()) for part in light)
-    return blue, green, red
 
 
 def silver_ball(seed: int, radii_px: tuple[float, float]) -> HardBall:

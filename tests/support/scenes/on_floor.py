@@ -14,15 +14,14 @@ from stadimeter.core.camera_pose import Footing
 from support.scenes.backdrop import Ground, PlainBackdrop
 from support.scenes.draw import CAMERA, TAG_FAMILY, TAGS
 from support.scenes.hard_balls import hard_ball
-from support.scenes.plane import Pose, SheetTarget, TagTarget
+from support.scenes.plane import Pose, TagTarget
 from support.scenes.scene import Scene
 
 HEIGHT_M, HEIGHT_SIGMA_M = 0.30, 0.003
 TILT_RAD, TILT_SIGMA_RAD = math.radians(-12), math.radians(0.1)
 MET_PX = (10.0, 40.0)
-BALL_M, CARD_M = 0.12, (0.210, 0.148)
+BALL_M = 0.12
 GROUNDS = (Ground.WOOD, Ground.CONCRETE, Ground.MAT)
-LEAN_RAD = math.radians(3)
 FOCAL_SHARE = 0.005
 
 Matrix = NDArray[np.float64]
@@ -39,30 +38,17 @@ class OnFloorScene(Struct, frozen=True, kw_only=True):
     hsv: str | None = None
 
 
-def ball_on_floor(seed: int, distance_m: float, size_sigma: float = 0.0) -> OnFloorScene:
-    """Draw a ball of 12 cm on a floor, so far along it; its true size differs by a share from what it is taken for."""
+def ball_on_floor(seed: int, distance_m: float) -> OnFloorScene:
+    """Draw a ball of 12 cm on a floor, so far along it."""
     rng = np.random.default_rng((seed, 90))
-    diameter_m = BALL_M * (1 + size_sigma * float(rng.standard_normal()))
+    rng.standard_normal()  # so that the scenes of seeds stay as they were
     height_m, level = _camera(rng)
-    place = _place(rng, distance_m, height_m - diameter_m / 2)
+    place = _place(rng, distance_m, height_m - BALL_M / 2)
     # A ball as it is met on a floor, with its dirt, seams and felt, through a camera of random quality.
     met = hard_ball(seed, MET_PX, backdrop=str(GROUNDS[seed % len(GROUNDS)]))
-    target = replace(met.scene.target, position_m=tuple((level @ place).tolist()), diameter_m=diameter_m)
+    target = replace(met.scene.target, position_m=tuple((level @ place).tolist()), diameter_m=BALL_M)
     said = _said(rng, replace(met.scene, target=target, occluder=None), height_m, level)
     return replace(said, hsv=met.hsv)
-
-
-def sheet_on_floor(seed: int, distance_m: float, size_sigma: float = 0.0) -> OnFloorScene:
-    """Draw a sheet of A5 that stands on a floor on its long side, turned and leaning a little."""
-    rng = np.random.default_rng((seed, 91))
-    width_m, side_m = (side * (1 + size_sigma * float(rng.standard_normal())) for side in CARD_M)
-    height_m, level = _camera(rng)
-    lean, turn = LEAN_RAD * float(rng.standard_normal()), math.radians(float(rng.uniform(-20, 20)))
-    standing = _about_up(turn) @ _about_right(lean)
-    # Its foot, the middle of the lowest side, is on the floor; down of the sheet is its y axis.
-    centre = _place(rng, distance_m, height_m) - standing @ np.array((0.0, side_m / 2, 0.0))
-    target = SheetTarget(pose=_pose(level @ centre, level @ standing), width_m=width_m, height_m=side_m)
-    return _said(rng, Scene(camera=CAMERA, target=target, seed=seed, backdrop=PlainBackdrop()), height_m, level)
 
 
 def tag_lying(seed: int, distance_m: float, side_m: float = 0.10) -> OnFloorScene:
