@@ -17,7 +17,7 @@ from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.ranging.measure import measure
 from support.scenes import draw, hard_flats
 from support.scenes.cut_sheet import GroupTarget
-from support.scenes.hard_flats import BACKDROPS, CLUTTER, CURLED, DRAWN, ROOM, SHADED, HardFlat
+from support.scenes.hard_flats import BACKDROPS, CLUTTER, ROOM, HardFlat
 from support.scenes.render import render
 from support.scenes.scene import RenderedScene, Scene
 
@@ -83,8 +83,8 @@ TABLES = {
         "`calibrate` writes it where nothing tells more. "
         "Cards meant to be 100 × 75 mm and strips of tape meant to be 127 × 51 mm, 15–60 px long and 8 px high at "
         "least, tilted by up to 45°, taken by cameras of random quality. ±1 mm: each place of a side (of tape: of an "
-        "end) is off by up to 1 mm, evenly spread, 0.58 mm rms, smoothly along it. Cards are plain, drawn on, shaded, "
-        "or curled at a corner. Large: A4, 60–300 px. Of two strips beside each other, either is right, and so is to "
+        "end) is off by up to 1 mm, evenly spread, 0.58 mm rms, smoothly along it. Large: A4, 60–300 px. Of two strips "
+        "beside each other, either is right, and so is to "
         "say that it is ambiguous. A scene counts in a row of each group. Where its colour is "
         "given, that is a range around it. The 95 % interval is that of measurements of the target."
     ),
@@ -142,8 +142,7 @@ def _cut(seed: int) -> Iterable[FlatSample]:
     yield _flat(CUT, "card ±2 mm", hard_flats.hard_sheet(seed, 2 * MM, backdrop=turn))
     yield _flat(CUT, "tape ±2 mm", hard_flats.hard_tape(seed, 2 * MM, backdrop=turn, pairs=0.0))
     yield _flat(CUT, "tape ±1 mm with a twin", hard_flats.hard_tape(seed, MM, backdrop=turn, pairs=1.0))
-    surface = (CURLED, DRAWN, SHADED)[seed % 3]
-    large = hard_flats.hard_sheet(seed, MM, LARGE_PX, backdrop=turn, surface=surface, side_m=draw.SHEET_M)
+    large = hard_flats.hard_sheet(seed, MM, LARGE_PX, backdrop=turn, side_m=draw.SHEET_M)
     yield _flat(CUT, "large ±1 mm", large)
 
 
@@ -167,7 +166,7 @@ def _flat(
         "min_side_px": hard_flats.LEAST_SIDE_PX,
         "tolerance": f"{flat.cut_m * SIGMAS_OF_A_CUT} m" if flat.cut_m > 0 else None,
     }
-    kinds = ("all", flat.surface, kind)
+    kinds = ("all", kind)
     if kind in OF_EACH_BACKDROP:
         kinds += (f"{kind} before {flat.backdrop}",)
     return _measured(name, kinds, flat.scene, "sheet", **options)
@@ -206,7 +205,7 @@ def _of_nearest(sample: Sample, found: Detection, scene: Scene, made: RenderedSc
 def _by_kind(samples: Sequence[FlatSample]) -> dict[str, list[FlatSample]]:
     """Return the samples of each kind, in the order in which groups and kinds are told."""
     groups: dict[str, list[FlatSample]] = {}
-    for place in range(4):
+    for place in range(3):
         for each in samples:
             for kind in each.kinds[place : place + 1]:
                 groups.setdefault(kind, []).append(each)

@@ -31,7 +31,7 @@ from support.programs import require
 # A real mosquitto takes the example configurations, and keeps readers, operators and devices within their roles.
 
 PASSWORD = "only for this test"
-USERS = ("garage", "attic", "homeassistant", "dashboard")
+DEVICE, OTHER, OPERATOR, READER = USERS = ("garage", "attic", "homeassistant", "dashboard")
 
 
 @pytest.fixture
@@ -134,72 +134,69 @@ def connect(site: Site) -> Iterator[Connect]:
         client.close()
 
 
-def test_a_device_is_heard_below_its_own_name_and_nowhere_else(connect):
-    listener, garage, attic = connect("homeassistant"), connect("garage"), connect("attic")
-    listener.listen()
-    attic.listen()
-    garage.publish("stadimeter/attic/event/alarm", "forged")
-    garage.publish("stadimeter/attic/request/stop-outputs", "{}")
-    garage.publish("elsewhere", "noise")
-    garage.publish("stadimeter/garage/event/alarm", "real")
-    assert listener.got.wait(120)
-    assert listener.heard == [("stadimeter/garage/event/alarm", b"real")]
-    attic.publish("stadimeter/attic/event/alarm", "what it should have heard came before this is acknowledged")
-    assert attic.heard == [], "a device does not listen to the others"
+OWN = ("event/alarm", "availability", "response/acknowledge", "retained/garage")
 
 
-def test_a_device_reads_its_commands_and_its_own_list_of_what_the_broker_keeps_and_nothing_else(connect):
-    operator, garage = connect("homeassistant"), connect("garage")
-    garage.listen()
-    operator.publish("stadimeter/attic/request/acknowledge", "{}")
-    operator.publish("stadimeter/garage/request/acknowledge", "{}")
-    garage.publish("stadimeter/garage/event/alarm", "raised")
-    garage.publish("stadimeter/garage/retained/garage", "[]")
-    eventually(lambda: len(garage.heard) >= 2)
-    assert garage.heard == [
-        ("stadimeter/garage/request/acknowledge", b"{}"),
-        ("stadimeter/garage/retained/garage", b"[]"),
-    ]
-
-
-def test_an_operator_gives_commands_and_cannot_publish_as_a_device(connect):
-    reader, operator, garage = connect("dashboard"), connect("homeassistant"), connect("garage")
-    reader.listen()
-    for topic in ("event/alarm", "availability", "response/acknowledge", "retained/garage"):
-        operator.publish(f"stadimeter/garage/{topic}", "forged")
-    operator.publish("stadimeter/garage/request/acknowledge", "{}")
-    garage.publish("stadimeter/garage/response/acknowledge", "answered")
-    eventually(lambda: len(reader.heard) >= 2)
-    assert reader.heard == [
-        ("stadimeter/garage/request/acknowledge", b"{}"),
-        ("stadimeter/garage/response/acknowledge", b"answered"),
-    ]
-
-
-def test_a_reader_hears_alarms_and_no_pictures_and_gives_no_commands(connect):
-    reader, garage = connect("dashboard"), connect("garage")
-    reader.listen()
-    garage.listen()
-    reader.publish("stadimeter/garage/request/reset", "{}")
-    reader.publish("stadimeter/garage/event/alarm", "forged")
-    garage.publish("stadimeter/garage/snapshot", "a picture")
-    garage.publish("stadimeter/garage/event/alarm", "raised")
-    eventually(lambda: reader.heard)
-    garage.publish("stadimeter/garage/retained/garage", "[]")
-    eventually(lambda: garage.heard)
-    assert reader.heard[0] == ("stadimeter/garage/event/alarm", b"raised")
-    assert garage.heard == [("stadimeter/garage/retained/garage", b"[]")]
-
-
-def test_neither_a_reader_nor_an_operator_is_a_device(connect):
-    operator, reader, garage = connect("homeassistant"), connect("dashboard"), connect("garage")
-    operator.listen("#")
-    for client, user in ((reader, "dashboard"), (operator, "homeassistant")):
-        client.publish(f"homeassistant/device/stadimeter_{user}/config", "a device that is none")
-        client.publish(f"stadimeter/{user}/rule/near/state", "an alarm of a device that is none")
-    garage.publish("stadimeter/garage/event/alarm", "real")
-    assert operator.got.wait(120)
-    assert operator.heard == [("stadimeter/garage/event/alarm", b"real")]
+@pytest.mark.parametrize(
+    ("listener", "topic", "refused", "heard"),
+    [
+        pytest.param(
+            OPERATOR,
+            "#",
+            [
+                (DEVICE, "stadimeter/attic/event/alarm"),
+                (DEVICE, "stadimeter/attic/request/stop-outputs"),
+                (DEVICE, "elsewhere"),
+                (READER, "homeassistant/device/stadimeter_dashboard/config"),
+                (READER, "stadimeter/dashboard/rule/near/state"),
+                (OPERATOR, "homeassistant/device/stadimeter_homeassistant/config"),
+                (OPERATOR, "stadimeter/homeassistant/rule/near/state"),
+            ],
+            [(DEVICE, "stadimeter/garage/event/alarm")],
+            id="a device is heard below its own name only, and neither a reader nor an operator is one",
+        ),
+        pytest.param(
+            DEVICE,
+            "stadimeter/#",
+            [
+                (OPERATOR, "stadimeter/attic/request/acknowledge"),
+                (READER, "stadimeter/garage/request/reset"),
+                (DEVICE, "stadimeter/garage/event/alarm"),
+            ],
+            [(OPERATOR, "stadimeter/garage/request/acknowledge"), (DEVICE, "stadimeter/garage/retained/garage")],
+            id="a device reads its commands and its own list of what the broker keeps",
+        ),
+        pytest.param(
+            OTHER,
+            "stadimeter/#",
+            [(DEVICE, "stadimeter/garage/event/alarm"), (OPERATOR, "stadimeter/garage/request/acknowledge")],
+            [(OTHER, "stadimeter/attic/retained/attic")],
+            id="a device does not listen to the others",
+        ),
+        pytest.param(
+            READER,
+            "stadimeter/#",
+            [
+                *((OPERATOR, f"stadimeter/garage/{topic}") for topic in OWN),
+                *((READER, f"stadimeter/garage/{topic}") for topic in ("request/reset", "event/alarm")),
+                (DEVICE, "stadimeter/garage/snapshot"),
+            ],
+            [
+                (OPERATOR, "stadimeter/garage/request/acknowledge"),
+                (DEVICE, "stadimeter/garage/response/acknowledge"),
+                (DEVICE, "stadimeter/garage/event/alarm"),
+            ],
+            id="a reader hears alarms and no pictures, and nobody forges them",
+        ),
+    ],
+)
+def test_each_role_publishes_and_hears_within_its_bounds(connect, listener, topic, refused, heard):
+    clients = {user: connect(user) for user in (DEVICE, OTHER, OPERATOR, READER)}
+    clients[listener].listen(topic)
+    for user, where in (*refused, *heard):  # what was heard last came after all that was refused
+        clients[user].publish(where, "{}")
+    eventually(lambda: len(clients[listener].heard) >= len(heard))
+    assert clients[listener].heard == [(where, b"{}") for _, where in heard]
 
 
 def test_no_one_guesses_the_client_id_by_which_a_broker_would_end_a_device_s_connection(tmp_path):

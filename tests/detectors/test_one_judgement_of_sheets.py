@@ -95,7 +95,7 @@ def test_each_of_two_strips_of_tape_that_is_measured_calibrates(draw, lens, feet
 @given(seed=st.integers(0, 10**6), cut_mm=st.sampled_from((0.0, 1.0, 2.0)), known=st.sampled_from(("auto", "width")))
 @settings(max_examples=10)
 def test_what_measures_calibrates_and_what_calibrates_is_measured(seed: int, cut_mm: float, known: str) -> None:
-    flat = hard_flats.hard_sheet(seed, cut_mm / 1000, (40.0, 250.0), surface="plain", tilts_deg=(0, 30))
+    flat = hard_flats.hard_sheet(seed, cut_mm / 1000, (40.0, 250.0), tilts_deg=(0, 30))
     more = {"tolerance": f"{0.7 * cut_mm} mm"} if cut_mm else {}
     choice = sheet(width="10 cm", height="7.5 cm", known_side=known, **more)
     image, lens = render(flat.scene).image, CAMERA

@@ -1,4 +1,4 @@
-"""Sheets as hands make them: cut with scissors, curled at a corner, written on; strips of tape; several at once."""
+"""Sheets as hands make them, cut with scissors; strips of tape; several at once."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
-from stadimeter.simulation.camera import Vector
-from support.scenes.backdrop import Shadow
+from stadimeter.simulation.silhouette import Vector
 from support.scenes.plane import PAPER_BGR, Pose, Posed
 from support.scenes.target import Colour, Floats, Layer, Rays, Target, slope
 from support.scenes.tone import decode_srgb
@@ -26,8 +25,6 @@ STEPS = 128
 
 WAVES = ((0.8, 0.6), (4.0, 0.28), (11.0, 0.12))
 """Frequency along half a side, in rad, and share of the variance. The first is nearly an offset and an angle."""
-
-MOST_CURL_RAD = 1.4
 
 
 class HandCut(Struct, frozen=True, kw_only=True):
@@ -61,49 +58,6 @@ class HandCut(Struct, frozen=True, kw_only=True):
         return np.asarray(most * np.interp(place, along, _deviations(self.seed, side)))
 
 
-class Curl(Struct, frozen=True, kw_only=True):
-    """A corner that bends up from the plane, as part of a cylinder.
-
-    Attributes:
-        corner: Which one: -1 or 1 for left or right, and for top or bottom.
-        length_m: How far the bent part reaches in from the corner, along the paper.
-        angle_rad: By how much the tip is bent.
-    """
-
-    corner: tuple[int, int]
-    length_m: float
-    angle_rad: float
-
-    def __post_init__(self) -> None:
-        if not (self.length_m > 0 and 0 < self.angle_rad < MOST_CURL_RAD):
-            raise ValueError(f"a corner cannot curl by {self.angle_rad} rad over {self.length_m} m")
-
-    def flattened(self, x: Floats, y: Floats, half: tuple[float, float]) -> tuple[Floats, Floats, Plane]:
-        """Return which place of the flat paper is seen at each place of its plane, and how squarely.
-
-        A place at t on the paper beyond the fold shows at R sin(t/R) when it is seen from the front, R being the
-        cylinder's radius; that it comes a few millimetres nearer is left out.
-
-        Args:
-            x: Places in the plane.
-            y: The same.
-            half: Half of the paper's width and height.
-
-        Returns:
-            x and y on the paper, and the cosine of the bend there.
-        """
-        radius = self.length_m / self.angle_rad
-        outwards = np.array(self.corner) / math.sqrt(2)
-        tip = np.array(self.corner) * half
-        beyond = np.maximum(x * outwards[0] + y * outwards[1] - (float(tip @ outwards) - self.length_m), 0)
-        bend = np.arcsin(np.minimum(beyond / radius, math.sin(MOST_CURL_RAD)))
-        # Past the last bend the paper goes on straight, so that nothing leaps; the tip is before that.
-        straight = np.maximum(beyond - radius * math.sin(MOST_CURL_RAD), 0) / math.cos(MOST_CURL_RAD)
-        further = radius * bend + straight - np.minimum(beyond, radius * math.sin(MOST_CURL_RAD))
-        further -= straight * math.cos(MOST_CURL_RAD)
-        return x + further * outwards[0], y + further * outwards[1], np.cos(bend).astype(np.float32)
-
-
 class CutSheetTarget(Posed, Struct, frozen=True, kw_only=True):
     """A sheet or a strip of tape. What is measured is the rectangle that was meant.
 
@@ -113,12 +67,8 @@ class CutSheetTarget(Posed, Struct, frozen=True, kw_only=True):
         height_m: The other one.
         cut: How its sides deviate; None for a perfect rectangle.
         bgr: Its colour.
-        curls: Its bent corners.
-        print_share: How much of it is written and drawn on, from 0 to 1.
-        print_bgr: The colour of the ink.
         sheen: Standard deviation of how evenly it sends light back, as a share: tape is blotchy.
-        shadow: A shadow across it.
-        seed: What is written on it follows from this.
+        seed: Its blotches follow from this.
     """
 
     pose: Pose
@@ -126,11 +76,7 @@ class CutSheetTarget(Posed, Struct, frozen=True, kw_only=True):
     height_m: float
     cut: HandCut | None = None
     bgr: Colour = PAPER_BGR
-    curls: tuple[Curl, ...] = ()
-    print_share: float = 0.0
-    print_bgr: Colour = (60, 40, 40)
     sheen: float = 0.0
-    shadow: Shadow | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -143,7 +89,7 @@ class CutSheetTarget(Posed, Struct, frozen=True, kw_only=True):
         return self.pose.placed(half)
 
     def cut_outline_m(self) -> Points:
-        """Return places all along its true sides, in order around it; without its curls."""
+        """Return places all along its true sides, in order around it."""
         place = np.linspace(-1, 1, STEPS + 1)
         (w, h), off = self._half, self._deviation_m
         top = np.column_stack((w * place, -h - off(3, place)))
@@ -163,15 +109,7 @@ class CutSheetTarget(Posed, Struct, frozen=True, kw_only=True):
     def layer(self, rays: Rays) -> Layer:
         """Return what it covers, and its light."""
         x, y, front = self.pose.hit(rays)
-        square = np.ones(x.shape, np.float32)
-        for curl in self.curls:
-            x, y, bend = curl.flattened(x, y, self._half)
-            square = square * bend
-        cover = self._cover(x, y) * front
-        light = self._colours(x, y) * (0.35 + 0.65 * square)[:, :, None]
-        if self.shadow is not None:
-            light = light * self.shadow.left_over(*rays)[:, :, None]
-        return Layer(cover, np.asarray(light, np.float32))
+        return Layer(self._cover(x, y) * front, self._colours(x, y))
 
     @property
     def _half(self) -> tuple[float, float]:
@@ -192,15 +130,10 @@ class CutSheetTarget(Posed, Struct, frozen=True, kw_only=True):
 
     def _colours(self, x: Floats, y: Floats) -> Plane:
         paper = np.broadcast_to(decode_srgb(self.bgr), (*x.shape, 3))
-        if self.print_share == 0 and self.sheen == 0:
+        if self.sheen == 0:
             return paper
-        across, down = ((x / self.width_m + 0.5), (y / self.height_m + 0.5))
-        if self.print_share > 0:
-            ink = _looked_up(_printed(self.seed, self.print_share), across, down)[:, :, None]
-            paper = paper + ink * (decode_srgb(self.print_bgr) - paper)
-        if self.sheen > 0:
-            paper = paper * (1 + np.float32(self.sheen) * _looked_up(_blotches(self.seed), across, down))[:, :, None]
-        return np.asarray(np.clip(paper, 0, None), np.float32)
+        blotches = _looked_up(_blotches(self.seed), x / self.width_m + 0.5, y / self.height_m + 0.5)
+        return np.asarray(np.clip(paper * (1 + np.float32(self.sheen) * blotches)[:, :, None], 0, None), np.float32)
 
 
 class FlatTarget(Target, Protocol):
@@ -270,28 +203,6 @@ def _deviations(seed: int, side: int) -> Floats:
         first, second = rng.standard_normal(2) * math.sqrt(share)
         normal += first * np.cos(frequency * along) + second * np.sin(frequency * along)
     return np.array([math.erf(value / math.sqrt(2)) for value in normal])
-
-
-@lru_cache(maxsize=4)
-def _printed(seed: int, share: float) -> Plane:
-    """Return where ink is on a page, from 0 to 1: lines of words, and a drawing."""
-    rng = np.random.default_rng((seed, 81))
-    page = np.zeros((256, 256), np.uint8)
-    margin = int(rng.integers(12, 40))
-    line, row = int(rng.integers(5, 14)), margin
-    while row + line < 256 - margin:
-        column = margin
-        while column < 256 - margin and rng.random() < 0.5 + share / 2:
-            word = int(rng.integers(8, 40))
-            cv2.rectangle(page, (column, row), (min(column + word, 255 - margin), row + max(1, line // 2)), 150, -1)
-            column += word + line
-        row += 2 * line
-    for _ in range(round(4 * share)):
-        centre, axes = rng.integers(60, 196, 2), rng.integers(8, 60, 2)
-        start, end = rng.integers(margin, 256 - margin, (2, 2))
-        cv2.ellipse(page, centre.tolist(), axes.tolist(), float(rng.uniform(0, 180)), 0, 360, 230, 2, cv2.LINE_AA)
-        cv2.line(page, start.tolist(), end.tolist(), 255, int(rng.integers(1, 4)), cv2.LINE_AA)
-    return np.asarray(cv2.GaussianBlur(page, (0, 0), 0.8), np.float32) / 255
 
 
 @lru_cache(maxsize=4)

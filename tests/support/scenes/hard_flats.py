@@ -21,10 +21,8 @@ from support.scenes.backdrop import (
     FloorBackdrop,
     Ground,
     PlainBackdrop,
-    ShadedBackdrop,
-    Shadow,
 )
-from support.scenes.cut_sheet import Curl, CutSheetTarget, GroupTarget, HandCut
+from support.scenes.cut_sheet import CutSheetTarget, GroupTarget, HandCut
 from support.scenes.hard_balls import GROUNDS, hard_sensor, picked_range
 from support.scenes.plane import PAPER_BGR, DiscTarget, Pose
 from support.scenes.room import RoomBackdrop
@@ -58,8 +56,6 @@ LEAST_CONTRAST = 90.0
 """The mean colour of a texture is at least so many code values from the target's."""
 
 TILTS_DEG = (0.0, 45.0)
-PLAIN, CURLED, DRAWN, SHADED = "plain", "curled", "drawn on", "shaded"
-SURFACES = (PLAIN, PLAIN, CURLED, DRAWN, SHADED)
 
 
 T = TypeVar("T", bound=Target)
@@ -71,7 +67,6 @@ class HardFlat(Struct, frozen=True, kw_only=True):
     Attributes:
         scene: The scene.
         backdrop: One of `BACKDROPS`.
-        surface: One of `SURFACES`.
         cut_m: The most by which a side deviates.
         width_m: The side along the target's own x axis, or its diameter.
         height_m: The other one.
@@ -81,7 +76,6 @@ class HardFlat(Struct, frozen=True, kw_only=True):
 
     scene: Scene
     backdrop: str
-    surface: str = PLAIN
     cut_m: float = 0.0
     width_m: float
     height_m: float
@@ -101,7 +95,6 @@ def hard_sheet(
     sizes_px: tuple[float, float] = (15.0, 60.0),
     *,
     backdrop: str | None = None,
-    surface: str | None = None,
     side_m: tuple[float, float] = CARD_M,
     tilts_deg: tuple[float, float] = TILTS_DEG,
 ) -> HardFlat:
@@ -112,7 +105,6 @@ def hard_sheet(
         cut_m: The most by which a place of a side is off.
         sizes_px: Between which its longer side appears, were it not tilted.
         backdrop: One of `BACKDROPS`; any without it.
-        surface: One of `SURFACES`; any without it.
         side_m: The sides that were meant.
         tilts_deg: Between which it is tilted from the optical axis.
 
@@ -120,7 +112,7 @@ def hard_sheet(
         The scene, with the sheet whole in the picture.
     """
     rng = np.random.default_rng((seed, 83))
-    kind, what = backdrop or str(rng.choice(BACKDROPS)), surface or str(rng.choice(SURFACES))
+    kind = backdrop or str(rng.choice(BACKDROPS))
     bgr = SHEET_BGRS[int(rng.integers(len(SHEET_BGRS)))]
     cut = HandCut(ends_m=cut_m, sides_m=cut_m, seed=seed) if cut_m > 0 else None
 
@@ -128,11 +120,8 @@ def hard_sheet(
         return CutSheetTarget(pose=pose, width_m=side_m[0], height_m=side_m[1], cut=cut, bgr=bgr, seed=seed)
 
     sheet = placed_whole(rng, made, max(side_m), sizes_px, tilts_deg)
-    sheet, behind = _troubled(rng, sheet, what, backdrop_of(rng, kind, bgr))
-    scene = _taken(rng, seed, sheet, behind)
-    return HardFlat(
-        scene=scene, backdrop=kind, surface=what, cut_m=cut_m, width_m=side_m[0], height_m=side_m[1], bgr=bgr
-    )
+    scene = _taken(rng, seed, sheet, backdrop_of(rng, kind, bgr))
+    return HardFlat(scene=scene, backdrop=kind, cut_m=cut_m, width_m=side_m[0], height_m=side_m[1], bgr=bgr)
 
 
 def hard_tape(
@@ -278,31 +267,6 @@ def _is_whole(target: Target, camera: CameraModel) -> bool:
     sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     is_large = len(corners) > 4 or float(sides.min()) >= LEAST_SIDE_PX
     return is_large and bool(((places >= draw.MARGIN_PX) & (places <= last)).all())
-
-
-def _troubled(
-    rng: np.random.Generator, sheet: CutSheetTarget, surface: str, behind: Backdrop
-) -> tuple[CutSheetTarget, Backdrop]:
-    """Return a sheet with a curl, a drawing or a shadow, and what is behind it with that shadow."""
-    shorter = min(sheet.width_m, sheet.height_m)
-    if surface == CURLED:
-        corner = (int(rng.choice([-1, 1])), int(rng.choice([-1, 1])))
-        curl = Curl(corner=corner, length_m=float(rng.uniform(0.06, 0.2)) * shorter, angle_rad=rng.uniform(0.5, 1.2))
-        return replace(sheet, curls=(curl,)), behind
-    if surface == DRAWN:
-        ink: Colour = ((60, 40, 40), (160, 60, 40), (40, 40, 170))[int(rng.integers(3))]
-        return replace(sheet, print_share=float(rng.uniform(0.3, 1.0)), print_bgr=ink), behind
-    if surface == SHADED:
-        x, y, z = sheet.position_m
-        across = sheet.width_m / z
-        shadow = Shadow(
-            through=(x / z + float(rng.uniform(-0.3, 0.3)) * across, y / z),
-            from_rad=float(rng.uniform(0, 2 * math.pi)),
-            softness=float(rng.uniform(0.02, 0.6)) * across,
-            depth=float(rng.uniform(0.2, 0.6)),
-        )
-        return replace(sheet, shadow=shadow), ShadedBackdrop(inner=behind, shadow=shadow, camera=draw.CAMERA)
-    return sheet, behind
 
 
 def _taken(rng: np.random.Generator, seed: int, target: Target | None, behind: Backdrop) -> Scene:
