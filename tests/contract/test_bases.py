@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any, ClassVar
+from typing import Any
 
 import pytest
 
@@ -35,101 +35,55 @@ def true_motion(context: DriverContext) -> tuple[float, float]:
     return ((left_mps + right_mps) / 2, (right_mps - left_mps) / TRACK_WIDTH_M)
 
 
-class SerialBaseContract(BaseContract):
-    """Over a real pseudo-terminal to the emulated firmware, which turns the wheels of the simulated robot."""
+def serial_rig(context: DriverContext, driver: str, port: str, options: dict[str, Any], *, answers: bool = True) -> Any:
+    """Return what makes rigs over a real pseudo-terminal to the emulated firmware, which turns the robot's wheels."""
+    model = load_driver(BASES, driver)
+    checked = model(port=port, track_width="16 cm", max_wheel_speed="0.5 m/s", **options)
+    board = load_driver(PORTS, port).board(context)
+    path = board.port.path
+    silence = lambda begins: setattr(board.firmware, "silent", begins)  # noqa: E731
+    return lambda: BaseRig(
+        device=checked.build(context),
+        clock=context.clock,
+        is_held=lambda: is_locked(path),
+        motion=lambda: true_motion(context),
+        faults={
+            UNPLUGGED: pulled_cable(context),
+            SILENT: silence if answers else impossible("this base never says anything"),
+            TAKES_NO_BYTES: lambda begins: clog(board.port, begins=begins),
+        },
+    )
 
-    driver: ClassVar[str]
-    port: ClassVar[str]
-    options: ClassVar[dict[str, Any]]
-    answers: ClassVar[bool] = True
 
+ENCODERS = {"wheel_diameter": "65 mm", "ticks_per_turn": 1440}
+ROS_ARDUINO = ("ros-arduino-bridge", "emulated-ros-arduino-bridge", ENCODERS)
+BLIND = {"drive": "h500\nc{left:d},{right:d}\n", "stop": "c0,0\n", "full_speed": "0.8 m/s", "auto_stop": "500 ms"}
+OPENBOT = BLIND | {"question": "f\n", "answers": {"identity": "f[A-Z].*", "battery": "v([0-9.]+)"}}
+
+
+def alike(*values: Any, id: str) -> Any:  # noqa: A002 - pytest's name
+    """Return a case that differs from others by its codec alone, which has tests of its own."""
+    return pytest.param(*values, id=id, marks=pytest.mark.long)
+
+
+@pytest.mark.parametrize(
+    ("driver", "port", "options", "answers"),
+    [
+        pytest.param(*ROS_ARDUINO, True, id="ros-arduino-bridge"),
+        pytest.param("ascii", "emulated-openbot", BLIND, False, id="driven blindly"),
+        pytest.param("roomba", "emulated-roomba", {}, True, id="roomba"),
+        alike("waveshare-ugv", "emulated-waveshare-ugv", {}, True, id="waveshare-ugv"),
+        alike("hoverboard", "emulated-hoverboard", {"full_speed": "1 m/s"}, True, id="hoverboard"),
+        alike("ascii", "emulated-openbot", OPENBOT, True, id="openbot"),
+        alike("roboclaw", "emulated-roboclaw", ENCODERS, True, id="roboclaw"),
+        alike("roboclaw", "emulated-roboclaw", {"full_speed": "1 m/s"}, True, id="roboclaw without encoders"),
+        alike("sabertooth", "emulated-sabertooth", {"full_speed": "1 m/s"}, False, id="sabertooth"),
+    ],
+)
+class TestSerialBases(BaseContract):
     @pytest.fixture
-    def make_rig(self, context: DriverContext) -> Callable[[], BaseRig]:
-        model = load_driver(BASES, self.driver)
-        options = model(port=self.port, track_width="16 cm", max_wheel_speed="0.5 m/s", **self.options)
-        board = load_driver(PORTS, self.port).board(context)
-        path = board.port.path
-        silence = lambda begins: setattr(board.firmware, "silent", begins)  # noqa: E731
-        return lambda: BaseRig(
-            device=options.build(context),
-            clock=context.clock,
-            is_held=lambda: is_locked(path),
-            motion=lambda: true_motion(context),
-            faults={
-                UNPLUGGED: pulled_cable(context),
-                SILENT: silence if self.answers else impossible("this base never says anything"),
-                TAKES_NO_BYTES: lambda begins: clog(board.port, begins=begins),
-            },
-        )
-
-
-class TestRosArduinoBase(SerialBaseContract):
-    driver, port = "ros-arduino-bridge", "emulated-ros-arduino-bridge"
-    options: ClassVar = {"wheel_diameter": "65 mm", "ticks_per_turn": 1440}
-
-
-@pytest.mark.long  # differs from others by its codec alone, which has tests of its own
-class TestWaveshareUgv(SerialBaseContract):
-    driver, port = "waveshare-ugv", "emulated-waveshare-ugv"
-    options: ClassVar = {}
-
-
-@pytest.mark.long  # differs from others by its codec alone, which has tests of its own
-class TestHoverboard(SerialBaseContract):
-    driver, port = "hoverboard", "emulated-hoverboard"
-    options: ClassVar = {"full_speed": "1 m/s"}
-
-
-OPENBOT = {
-    "drive": "h500\nc{left:d},{right:d}\n",
-    "stop": "c0,0\n",
-    "question": "f\n",
-    "answers": {"identity": "f[A-Z].*", "battery": "v([0-9.]+)"},
-    "full_speed": "0.8 m/s",
-    "auto_stop": "500 ms",
-}
-
-
-@pytest.mark.long  # differs from others by its codec alone, which has tests of its own
-class TestOpenBot(SerialBaseContract):
-    driver, port = "ascii", "emulated-openbot"
-    options: ClassVar = OPENBOT
-
-
-class TestBaseThatIsDrivenBlindly(SerialBaseContract):
-    """What is sent is the same; nothing is understood."""
-
-    driver, port = "ascii", "emulated-openbot"
-    options: ClassVar = {key: value for key, value in OPENBOT.items() if key not in {"question", "answers"}}
-    answers = False
-
-
-@pytest.mark.long  # differs from others by its codec alone, which has tests of its own
-class TestRoboclaw(SerialBaseContract):
-    """With encoders."""
-
-    driver, port = "roboclaw", "emulated-roboclaw"
-    options: ClassVar = {"wheel_diameter": "65 mm", "ticks_per_turn": 1440}
-
-
-@pytest.mark.long  # differs from others by its codec alone, which has tests of its own
-class TestRoboclawWithoutEncoders(SerialBaseContract):
-    """By duty; the emulated motors reach 1 m/s."""
-
-    driver, port = "roboclaw", "emulated-roboclaw"
-    options: ClassVar = {"full_speed": "1 m/s"}
-
-
-class TestRoomba(SerialBaseContract):
-    driver, port = "roomba", "emulated-roomba"
-    options: ClassVar = {}
-
-
-@pytest.mark.long  # differs from others by its codec alone, which has tests of its own
-class TestSabertooth(SerialBaseContract):
-    driver, port = "sabertooth", "emulated-sabertooth"
-    options: ClassVar = {"full_speed": "1 m/s"}
-    answers = False
+    def make_rig(self, context: DriverContext, driver: str, port: str, options: dict[str, Any], answers: bool) -> Any:
+        return serial_rig(context, driver, port, options, answers=answers)
 
 
 THREE_INPUTS = {

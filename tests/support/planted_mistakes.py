@@ -16,6 +16,7 @@ from msgspec.structs import replace
 from contract import test_actuators, test_bases, test_messengers
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, LinkLostError
 from stadimeter.testing.actuator_contract import ActuatorContract, ButtonContract
+from stadimeter.testing.base_contract import BaseContract
 from stadimeter.testing.messaging_contract import MessengerContract, NotifierContract
 
 context = test_bases.context  # the fixture that the rig of the base asks for
@@ -172,12 +173,10 @@ class TestButtons(ButtonContract):
 
 
 @pytest.mark.parametrize("name", BASE)
-class TestBases(test_bases.TestRosArduinoBase):
-    make_sound_rig = test_bases.SerialBaseContract.make_rig
-
+class TestBases(BaseContract):
     @pytest.fixture
-    def make_rig(self, name: str, make_sound_rig: Callable[[], Any]) -> Callable[[], Any]:
-        return planted(make_sound_rig, name)
+    def make_rig(self, name: str, context: Any) -> Callable[[], Any]:
+        return planted(test_bases.serial_rig(context, *test_bases.ROS_ARDUINO), name)
 
 
 @pytest.mark.parametrize("name", MESSENGER)
