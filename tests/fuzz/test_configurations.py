@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -69,40 +68,27 @@ def load_lens(file: Path) -> None:
         check(error.problems, file)
 
 
-def fuzz_configurations(folder: Path, mutate: Callable[..., bytes], seed: int, count: int) -> None:
+def many(*values: int) -> object:
+    """Return a case that takes long."""
+    return pytest.param(*values, marks=[pytest.mark.long, pytest.mark.timeout(300)])
+
+
+@pytest.mark.parametrize(("seed", "count"), [(0, SOME), *(many(1 + part, ALL // PARTS) for part in range(PARTS))])
+def test_many_mutations_of_configurations_are_no_tracebacks(tmp_path: Path, mutate, seed: int, count: int) -> None:
     rng = random.Random(seed)  # noqa: S311
-    file = folder / "configuration.toml"
-    save_camera_model(folder / "camera.toml", lens())
+    file = tmp_path / "configuration.toml"
+    save_camera_model(tmp_path / "camera.toml", lens())
     for _ in range(count):
         file.write_bytes(mutate(rng, rng.choice(CONFIGURATIONS).read_bytes()))
         load_everything(file)
 
 
-def fuzz_camera_files(folder: Path, mutate: Callable[..., bytes], seed: int, count: int) -> None:
+@pytest.mark.parametrize(("seed", "count"), [(0, 5 * SOME), many(1, ALL)])
+def test_many_mutations_of_a_camera_file_are_no_tracebacks(tmp_path: Path, mutate, seed: int, count: int) -> None:
     rng = random.Random(seed)  # noqa: S311
-    file = folder / "camera.toml"
+    file = tmp_path / "camera.toml"
     save_camera_model(file, lens())
     sound = file.read_bytes()
     for _ in range(count):
         file.write_bytes(mutate(rng, sound))
         load_lens(file)
-
-
-def test_some_mutations_of_configurations_are_no_tracebacks(tmp_path: Path, mutate) -> None:
-    fuzz_configurations(tmp_path, mutate, 0, SOME)
-
-
-def test_some_mutations_of_a_camera_file_are_no_tracebacks(tmp_path: Path, mutate) -> None:
-    fuzz_camera_files(tmp_path, mutate, 0, 5 * SOME)
-
-
-@pytest.mark.long
-@pytest.mark.timeout(300)
-@pytest.mark.parametrize("part", range(PARTS))
-def test_many_mutations_of_configurations_are_no_tracebacks(tmp_path: Path, mutate, part: int) -> None:
-    fuzz_configurations(tmp_path, mutate, 1 + part, ALL // PARTS)
-
-
-@pytest.mark.long
-def test_many_mutations_of_a_camera_file_are_no_tracebacks(tmp_path: Path, mutate) -> None:
-    fuzz_camera_files(tmp_path, mutate, 1, ALL)

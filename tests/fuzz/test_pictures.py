@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 import struct
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -44,9 +43,21 @@ def encoded(kind: str) -> bytes:
     return found
 
 
-def fuzz(file: Path, mutate: Callable[..., bytes], flip: Callable[..., bytes], seed: int, count: int) -> None:
-    rng = random.Random(f"{file.name}{seed}")  # noqa: S311
-    sound = encoded(file.name)
+@pytest.mark.vision
+@pytest.mark.parametrize("name", KINDS)
+def test_a_sound_picture_of_each_kind_is_read(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(encoded(name))
+    assert load_picture(tmp_path / name).image.shape == (24, 32, 3)
+
+
+@pytest.mark.vision
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize(("seed", "count"), [(0, SOME), pytest.param(1, ALL, marks=pytest.mark.long)])
+def test_many_mutations_of_a_picture_are_no_tracebacks(
+    tmp_path: Path, mutate, flip, name: str, seed: int, count: int
+) -> None:
+    file, rng, sound = tmp_path / name, random.Random(f"{name}{seed}"), encoded(name)  # noqa: S311
     for _ in range(count):
         file.write_bytes(rng.choice((mutate, flip))(rng, sound))
         try:
@@ -57,24 +68,3 @@ def fuzz(file: Path, mutate: Callable[..., bytes], flip: Callable[..., bytes], s
             assert image.shape[2] == 3
             assert image.shape[0] * image.shape[1] <= PICTURE_MAX_PIXELS
         read_lens_settings(file)
-
-
-@pytest.mark.vision
-@pytest.mark.parametrize("name", KINDS)
-def test_a_sound_picture_of_each_kind_is_read(tmp_path: Path, name: str) -> None:
-    (tmp_path / name).write_bytes(encoded(name))
-    assert load_picture(tmp_path / name).image.shape == (24, 32, 3)
-
-
-@pytest.mark.vision
-@pytest.mark.parametrize("name", KINDS)
-def test_some_mutations_of_a_picture_are_no_tracebacks(tmp_path: Path, mutate, flip, name: str) -> None:
-    fuzz(tmp_path / name, mutate, flip, 0, SOME)
-
-
-@pytest.mark.vision
-@pytest.mark.long
-@pytest.mark.timeout(300)
-@pytest.mark.parametrize("name", KINDS)
-def test_many_mutations_of_a_picture_are_no_tracebacks(tmp_path: Path, mutate, flip, name: str) -> None:
-    fuzz(tmp_path / name, mutate, flip, 1, ALL)

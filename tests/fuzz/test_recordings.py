@@ -116,25 +116,25 @@ def test_what_is_sound_is_read(tmp_path: Path, sound: dict[str, bytes], name: st
     assert load_recorded(recording.header.recorded_configuration, tmp_path / name).camera_model
 
 
+def many(*values: object) -> object:
+    """Return a case that takes long."""
+    return pytest.param(*values, marks=[pytest.mark.long, pytest.mark.timeout(300)])
+
+
+@pytest.mark.parametrize(("seed", "count"), [(0, SOME), *(many(1 + part, ALL // PARTS) for part in range(PARTS))])
 @pytest.mark.parametrize("name", ["run.jsonl", "run.mcap"])
-def test_some_mutations_of_a_recording_are_no_tracebacks(tmp_path: Path, sound, mutate, flip, name: str) -> None:
-    fuzz(tmp_path / name, sound[name], flip, 0, SOME)
-    fuzz(tmp_path / name, sound[name], mutate, 0, SOME)
+def test_ten_thousand_byte_flips_are_no_tracebacks(
+    tmp_path: Path, sound, flip, name: str, seed: int, count: int
+) -> None:
+    fuzz(tmp_path / name, sound[name], flip, seed, count)
 
 
-@pytest.mark.long
-@pytest.mark.timeout(300)
-@pytest.mark.parametrize("part", range(PARTS))
+@pytest.mark.parametrize(("seed", "count"), [(0, SOME), many(1, ALL // PARTS)])
 @pytest.mark.parametrize("name", ["run.jsonl", "run.mcap"])
-def test_ten_thousand_byte_flips_are_no_tracebacks(tmp_path: Path, sound, flip, name: str, part: int) -> None:
-    fuzz(tmp_path / name, sound[name], flip, 1 + part, ALL // PARTS)
-
-
-@pytest.mark.long
-@pytest.mark.timeout(300)
-@pytest.mark.parametrize("name", ["run.jsonl", "run.mcap"])
-def test_many_mutations_of_a_recording_are_no_tracebacks(tmp_path: Path, sound, mutate, name: str) -> None:
-    fuzz(tmp_path / name, sound[name], mutate, 1, ALL // PARTS)
+def test_many_mutations_of_a_recording_are_no_tracebacks(
+    tmp_path: Path, sound, mutate, name: str, seed: int, count: int
+) -> None:
+    fuzz(tmp_path / name, sound[name], mutate, seed, count)
 
 
 PACKERS: dict[str, Callable[[bytes], bytes]] = {"lz4": lz4.frame.compress, "zstd": zstandard.compress}

@@ -14,13 +14,10 @@ import pytest
 from msgspec import Struct
 
 from stadimeter.config.loader import load_configuration
-from stadimeter.config.rule_test_tables import RuleTest
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Decision
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation
-from stadimeter.workbench.rule_tests import run_rule_test
-from support.each_case import each_case
 from support.observing import measured, missed
 from support.simulated_run import SIMULATED_BALL
 
@@ -192,12 +189,3 @@ def test_8_a_distance_that_is_no_distance_is_unknown_and_raises_nothing(run: Run
     assert outcome.kinds == []
     assert set(outcome.levels) == {0.0}
     assert outcome.decisions[-1].rules[0].status.value == "unknown"
-
-
-CONFIGURATION = load_configuration(Path(__file__).with_name("eight_sequences.toml"))
-
-
-@pytest.mark.long
-@each_case("test", CONFIGURATION.tests)
-def test_they_hold_as_tests_of_a_configuration_too_with_the_cameras_own_noise(test: RuleTest) -> None:
-    assert run_rule_test(CONFIGURATION, test).failures == ()

@@ -24,12 +24,12 @@ from msgspec import Struct
 
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.config.plugins import DriverContext, DriverOptions
-from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.detection import Detection
 from stadimeter.core.frame import Frame
 from stadimeter.errors import DeviceClosedError
-from stadimeter.ranging.ball import BallShape
 from stadimeter.simulation.emulated_base import EmulatedPort
 from stadimeter.simulation.firmware import RosArduinoFirmware
+from support.live_rig import Detector
 
 FRAME_S = 1 / 30
 PATIENCE_S = 40.0
@@ -96,24 +96,13 @@ class SteadyCamera:
         self._closed.set()
 
 
-class SteadyDetector:
-    """Always sees a ball at 2 m, until the file is there that stands for a defect in the program."""
-
-    target_shape = BallShape(diameter_m=0.2)
+class SteadyDetector(Detector):
+    """Fails once the file is there that stands for a defect in the program."""
 
     def detect(self, frame: Frame, prediction: object = None, *, lens: object = None) -> Detection:
         if DEFECT.exists():
             raise RuntimeError("a defect, as staged")
-        angles, centre_px = np.arange(60.0), (31.5, 23.5)
-        return Detection(
-            target="ball",
-            status=DetectionStatus.FOUND,
-            centre_px=centre_px,
-            width_px=6.0,
-            height_px=6.0,
-            size_sigma_px=0.05,
-            outline_px=np.array(centre_px) + 3 * np.stack((np.cos(angles), np.sin(angles)), axis=1),
-        )
+        return super().detect(frame, prediction, lens=lens)
 
 
 class SteadyCameraOptions(DriverOptions):
