@@ -5,11 +5,9 @@ from __future__ import annotations
 import base64
 import math
 import re
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -27,7 +25,6 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import CaptureTimeoutError, DeviceOpenError, DriverError, LinkLostError
 from stadimeter.testing.rig import eventually
 from support.each_case import each_case
-from support.slow_network import hand_on
 
 # A real sender of JPEG pictures over HTTP, honest and damaged.
 
@@ -318,53 +315,6 @@ def test_the_lag_of_the_sender_s_time_stamps_counts_into_the_age(
     while (number := number_of((frame := camera.read()).image)) < 80:
         pass
     assert time.monotonic() - frame.captured_at_s > 0.9 * (number - 40) * (PERIOD_S - 1e-3) - 0.1
-
-
-class SlowLink:
-    """Hands a connection on in packets, at a rate that can be set; what does not fit waits in the sender's buffers.
-
-    Args:
-        ends_packets: Whether packets end with pictures, as in a router's queue, and are full otherwise.
-    """
-
-    def __init__(self, port: int, *, ends_packets: bool) -> None:
-        self.bytes_a_second = math.inf
-        self.ended = threading.Event()
-        self._ends_packets = ends_packets
-        self._port = port
-        self._listening = socket.create_server(("127.0.0.1", 0))
-        self.place = f"127.0.0.1:{self._listening.getsockname()[1]}"
-        self._thread = threading.Thread(target=self._serve)
-        self._thread.start()
-
-    def _serve(self) -> None:
-        with (
-            suppress(OSError),
-            self._listening.accept()[0] as client,
-            socket.create_connection(("127.0.0.1", self._port)) as sender,
-        ):
-            sender.sendall(client.recv(65536))
-            hand_on(sender, client, lambda: self.bytes_a_second, self.ended, ends_packets=self._ends_packets)
-
-    def close(self) -> None:
-        self.ended.set()
-        self._listening.shutdown(socket.SHUT_RDWR)
-        self._listening.close()
-        self._thread.join()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("ends_packets", [False, True])
-@pytest.mark.parametrize("share", [0.5, 0.9])
-def test_a_link_that_is_too_slow_drives_nothing(
-    server: Server, open_camera: Callable[..., OpenCvCamera], share: float, ends_packets: bool
-) -> None:
-    with closing(SlowLink(server.server_port, ends_packets=ends_packets)) as link:
-        camera = open_camera(f"http://{link.place}/cam", read_timeout="1.5 s")
-        frames_of(camera, 40)
-        link.bytes_a_second = share * len(picture(0)) / PERIOD_S
-        with pytest.raises(CaptureTimeoutError, match=r"late: they come without a pause, so the link is slower"):
-            frames_of(camera, 1000)
 
 
 def test_a_redirection_is_followed(server: Server, open_camera: Callable[..., OpenCvCamera]) -> None:

@@ -79,15 +79,5 @@ def circles_scene(seed: int, spacing_px: float, tilt_rad: float, camera: CameraM
     """
     rng = np.random.default_rng((seed, 79))
     depth_m = camera.fx_px * SPACING_M / spacing_px
-    for _ in range(draw.MOST_ATTEMPTS):
-        x, y = camera.direction(float(rng.uniform(0, camera.width_px)), float(rng.uniform(0, camera.height_px)))
-        pose = Pose(
-            position_m=(x * depth_m, y * depth_m, depth_m),
-            tilt_rad=tilt_rad,
-            tilt_towards_rad=float(rng.uniform(0, 2 * math.pi)),
-            roll_rad=float(rng.uniform(-math.pi, math.pi)),
-        )
-        target = CirclesTarget(pose=pose)
-        if draw.is_whole(target, camera):
-            return Scene(camera=camera, target=target, seed=seed, backdrop=ClutterBackdrop())
-    raise ValueError(f"seed {seed}: no circles {spacing_px} px apart tilted by {tilt_rad} rad fit the picture")
+    target = draw.first_whole(lambda: CirclesTarget(pose=draw.pose_at(rng, camera, depth_m, tilt_rad)), camera)
+    return Scene(camera=camera, target=target, seed=seed, backdrop=ClutterBackdrop())

@@ -7,6 +7,8 @@ that are published. Nothing may be chosen by looking at the latter.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 
@@ -35,6 +37,8 @@ DISC_M = 0.12
 DISC_RANGE_M = (0.3, 3.0)
 MOST_ATTEMPTS = 1000
 
+T = TypeVar("T", bound=Target)
+
 
 def ball_scene(seed: int, camera: CameraModel = CAMERA) -> Scene:
     """Draw a ball on clutter: an even seed a tennis ball 0.3 to 4 m away, an odd one a 20 cm ball 0.45 to 6 m away.
@@ -49,11 +53,11 @@ def ball_scene(seed: int, camera: CameraModel = CAMERA) -> Scene:
     rng = np.random.default_rng((seed, 20))
     diameter, (near, far) = (TENNIS_M, TENNIS_RANGE_M) if seed % 2 == 0 else (LARGE_BALL_M, LARGE_BALL_RANGE_M)
     lamp = (float(rng.uniform(-1, 1)), float(rng.uniform(-1, -0.2)), float(rng.uniform(-1, -0.2)))
-    for _ in range(MOST_ATTEMPTS):
-        target = BallTarget(position_m=_place(rng, camera, near, far), diameter_m=diameter, light=lamp)
-        if is_whole(target, camera):
-            return Scene(camera=camera, target=target, seed=seed)
-    raise ValueError(f"seed {seed}: no ball of {diameter} m from {near} to {far} m fits the picture")
+    target = first_whole(
+        lambda: BallTarget(position_m=_place(rng, camera, _depth_m(rng, near, far)), diameter_m=diameter, light=lamp),
+        camera,
+    )
+    return Scene(camera=camera, target=target, seed=seed)
 
 
 def sheet_scene(seed: int, tilt_rad: float, *, plain: bool = False, camera: CameraModel = CAMERA) -> Scene:
@@ -69,14 +73,13 @@ def sheet_scene(seed: int, tilt_rad: float, *, plain: bool = False, camera: Came
         The scene, with the sheet whole in the picture.
     """
     rng = np.random.default_rng((seed, 21))
-    grey = int(rng.integers(40, 131))
-    backdrop: Backdrop = PlainBackdrop(bgr=(grey, grey + 5, grey + 10)) if plain else ClutterBackdrop()
-    for _ in range(MOST_ATTEMPTS):
-        pose = _pose(rng, camera, SHEET_RANGE_M, tilt_rad)
-        target = SheetTarget(pose=pose, width_m=SHEET_M[0], height_m=SHEET_M[1])
-        if is_whole(target, camera):
-            return Scene(camera=camera, target=target, seed=seed, backdrop=backdrop)
-    raise ValueError(f"seed {seed}: no sheet tilted by {tilt_rad} rad fits the picture")
+    wall = _wall(rng)
+    width_m, height_m = SHEET_M
+    target = first_whole(
+        lambda: SheetTarget(pose=_pose(rng, camera, SHEET_RANGE_M, tilt_rad), width_m=width_m, height_m=height_m),
+        camera,
+    )
+    return Scene(camera=camera, target=target, seed=seed, backdrop=wall if plain else ClutterBackdrop())
 
 
 def disc_scene(seed: int, tilt_rad: float, *, plain: bool = False, camera: CameraModel = CAMERA) -> Scene:
@@ -92,13 +95,9 @@ def disc_scene(seed: int, tilt_rad: float, *, plain: bool = False, camera: Camer
         The scene, with the disc whole in the picture.
     """
     rng = np.random.default_rng((seed, 22))
-    grey = int(rng.integers(40, 131))
-    backdrop: Backdrop = PlainBackdrop(bgr=(grey, grey + 5, grey + 10)) if plain else ClutterBackdrop()
-    for _ in range(MOST_ATTEMPTS):
-        target = DiscTarget(pose=_pose(rng, camera, DISC_RANGE_M, tilt_rad), diameter_m=DISC_M)
-        if is_whole(target, camera):
-            return Scene(camera=camera, target=target, seed=seed, backdrop=backdrop)
-    raise ValueError(f"seed {seed}: no disc tilted by {tilt_rad} rad fits the picture")
+    wall = _wall(rng)
+    target = first_whole(lambda: DiscTarget(pose=_pose(rng, camera, DISC_RANGE_M, tilt_rad), diameter_m=DISC_M), camera)
+    return Scene(camera=camera, target=target, seed=seed, backdrop=wall if plain else ClutterBackdrop())
 
 
 def tag_scene(seed: int, side_px: float, tilt_rad: float, camera: CameraModel = CAMERA) -> Scene:
@@ -115,12 +114,13 @@ def tag_scene(seed: int, side_px: float, tilt_rad: float, camera: CameraModel = 
     """
     rng = np.random.default_rng((seed, 23))
     depth = camera.fx_px * TAG_M / side_px
-    for _ in range(MOST_ATTEMPTS):
-        pose = _pose(rng, camera, (depth, depth), tilt_rad)
-        target = TagTarget(pose=pose, side_m=TAG_M, family=TAG_FAMILY, number=seed % TAGS)
-        if is_whole(target, camera):
-            return Scene(camera=camera, target=target, seed=seed)
-    raise ValueError(f"seed {seed}: no tag of {side_px} px tilted by {tilt_rad} rad fits the picture")
+    target = first_whole(
+        lambda: TagTarget(
+            pose=_pose(rng, camera, (depth, depth), tilt_rad), side_m=TAG_M, family=TAG_FAMILY, number=seed % TAGS
+        ),
+        camera,
+    )
+    return Scene(camera=camera, target=target, seed=seed)
 
 
 def empty_scene(seed: int, distractors: int = 0, camera: CameraModel = CAMERA) -> Scene:
@@ -137,20 +137,44 @@ def empty_scene(seed: int, distractors: int = 0, camera: CameraModel = CAMERA) -
     return Scene(camera=camera, target=None, seed=seed, backdrop=ClutterBackdrop(distractors=distractors))
 
 
-def _place(rng: np.random.Generator, camera: CameraModel, near_m: float, far_m: float) -> Vector:
-    """Return a point evenly spread over the picture, and evenly over the logarithm of the depth."""
-    depth = float(np.exp(rng.uniform(math.log(near_m), math.log(far_m))))
+def _wall(rng: np.random.Generator) -> Backdrop:
+    grey = int(rng.integers(40, 131))
+    return PlainBackdrop(bgr=(grey, grey + 5, grey + 10))
+
+
+def _depth_m(rng: np.random.Generator, near_m: float, far_m: float) -> float:
+    """Return a depth evenly spread over its logarithm."""
+    return float(np.exp(rng.uniform(math.log(near_m), math.log(far_m))))
+
+
+def _place(rng: np.random.Generator, camera: CameraModel, depth_m: float) -> Vector:
+    """Return a point evenly spread over the picture."""
     x, y = camera.direction(float(rng.uniform(0, camera.width_px)), float(rng.uniform(0, camera.height_px)))
-    return (x * depth, y * depth, depth)
+    return (x * depth_m, y * depth_m, depth_m)
 
 
 def _pose(rng: np.random.Generator, camera: CameraModel, range_m: tuple[float, float], tilt_rad: float) -> Pose:
+    return pose_at(rng, camera, _depth_m(rng, *range_m), tilt_rad, GREATEST_ROLL_RAD)
+
+
+def pose_at(
+    rng: np.random.Generator, camera: CameraModel, depth_m: float, tilt_rad: float, most_roll_rad: float = math.pi
+) -> Pose:
+    """Return a pose so deep, anywhere in the picture, tilted to any side."""
     return Pose(
-        position_m=_place(rng, camera, *range_m),
+        position_m=_place(rng, camera, depth_m),
         tilt_rad=tilt_rad,
         tilt_towards_rad=float(rng.uniform(0, 2 * math.pi)),
-        roll_rad=float(rng.uniform(-GREATEST_ROLL_RAD, GREATEST_ROLL_RAD)),
+        roll_rad=float(rng.uniform(-most_roll_rad, most_roll_rad)),
     )
+
+
+def first_whole(make: Callable[[], T], camera: CameraModel) -> T:
+    """Return the first target that is drawn whole in the picture."""
+    for _ in range(MOST_ATTEMPTS):
+        if is_whole(target := make(), camera):
+            return target
+    raise ValueError(f"no such target fits the picture: {target}")
 
 
 def is_whole(target: Target, camera: CameraModel) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 
 import cv2
@@ -115,15 +114,7 @@ def poster_scene(seed: int, side_px: float, tilt_rad: float, camera: CameraModel
     """
     rng = np.random.default_rng((seed, 78))
     depth_m = camera.fx_px * WIDTH_M / side_px
-    for _ in range(draw.MOST_ATTEMPTS):
-        x, y = camera.direction(float(rng.uniform(0, camera.width_px)), float(rng.uniform(0, camera.height_px)))
-        pose = Pose(
-            position_m=(x * depth_m, y * depth_m, depth_m),
-            tilt_rad=tilt_rad,
-            tilt_towards_rad=float(rng.uniform(0, 2 * math.pi)),
-            roll_rad=float(rng.uniform(-math.pi, math.pi)),
-        )
-        target = PosterTarget(pose=pose, number=seed)
-        if draw.is_whole(target, camera):
-            return Scene(camera=camera, target=target, seed=seed, backdrop=ClutterBackdrop())
-    raise ValueError(f"seed {seed}: no poster of {side_px} px tilted by {tilt_rad} rad fits the picture")
+    target = draw.first_whole(
+        lambda: PosterTarget(pose=draw.pose_at(rng, camera, depth_m, tilt_rad), number=seed), camera
+    )
+    return Scene(camera=camera, target=target, seed=seed, backdrop=ClutterBackdrop())
