@@ -6,9 +6,7 @@ was made before; it is written to.
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -18,7 +16,7 @@ import pytest
 
 import stadimeter
 from stadimeter.testing.rig import eventually
-from support.debian_root import Booted, booted, make_root, why_no_root
+from support.debian_root import Booted, booted, root_to_boot, why_no_root
 from support.simulated_run import SIMULATED_BALL
 
 pytestmark = [
@@ -73,11 +71,7 @@ def put(root: Path, place: str, text: str, mode: int = 0o644) -> None:
 
 @pytest.fixture(scope="module")
 def computer(deploy: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Booted]:
-    root = Path(os.environ.get("BOOTED_ROOT") or tmp_path_factory.mktemp("booted") / "root")
-    if not root.exists():
-        made = make_root(root, "bookworm", subprocess.check_output(["dpkg", "--print-architecture"], text=True).strip())
-        shutil.copy("/etc/resolv.conf", root / "etc/resolv.conf")
-        made.run("apt-get", "install", "--yes", "--no-install-recommends", "systemd", "dbus")
+    root = root_to_boot(tmp_path_factory.mktemp("booted"))
     home = str(Path(sys.base_prefix))
     if any(place.is_relative_to("/tmp") for place in (SOURCE, LIBRARIES)):  # noqa: S108
         pytest.skip("the service has a /tmp of its own, in which this checkout is not")

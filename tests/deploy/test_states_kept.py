@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.testing.rig import eventually
-from support.debian_root import Booted, DebianRoot, booted, make_root, why_no_root
+from support.debian_root import Booted, booted, root_to_boot, why_no_root
 
 pytestmark = [
     pytest.mark.long,
@@ -91,13 +91,7 @@ def package(deploy: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 
 @pytest.fixture(scope="module")
 def computer(package: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Booted]:
-    root = Path(os.environ.get("BOOTED_ROOT") or tmp_path_factory.mktemp("booted") / "root")
-    if not root.exists():
-        make_root(root, "bookworm", subprocess.check_output(["dpkg", "--print-architecture"], text=True).strip())
-    shutil.copy("/etc/resolv.conf", root / "etc/resolv.conf")
-    needed = ("systemd", "dbus", "python3.11", "gpiod")
-    if DebianRoot(root).try_to("apt-get", "install", "--yes", "--no-install-recommends", *needed).returncode:
-        pytest.skip("no packages can be had here")
+    root = root_to_boot(tmp_path_factory.mktemp("booted"), "python3.11", "gpiod")
     for version in ("1.0", "1.1"):
         shutil.copy(package(version), root / f"root/{version}.deb")
     unpacked = tmp_path_factory.mktemp("changed")

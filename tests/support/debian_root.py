@@ -172,6 +172,18 @@ class Booted(Struct, frozen=True):
         return done.stdout + done.stderr
 
 
+def root_to_boot(folder: Path, *packages: str) -> Path:
+    """Return a root with systemd, dbus and more: that of ``BOOTED_ROOT``, or one that is made; else the test skips."""
+    root = Path(os.environ.get("BOOTED_ROOT") or folder / "root")
+    if not root.exists():
+        make_root(root, "bookworm", subprocess.check_output(["dpkg", "--print-architecture"], text=True).strip())
+    shutil.copy("/etc/resolv.conf", root / "etc/resolv.conf")
+    needed = ("systemd", "dbus", *packages)
+    if DebianRoot(root).try_to("apt-get", "install", "--yes", "--no-install-recommends", *needed).returncode:
+        pytest.skip("no packages can be had here")
+    return root
+
+
 @contextmanager
 def booted(root: Path, folders: tuple[Path, ...]) -> Iterator[Booted]:
     """Boot a root in which systemd and dbus are installed.
