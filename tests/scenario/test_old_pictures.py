@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.simulation.silhouette import paint_ball
+from stadimeter.simulation.camera import paint_ball
 from support.program_and_board import Rig
 from support.simulated_run import LENS as LENS_TABLE
 from support.slow_network import hand_on

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.simulation.silhouette import silhouette
+from stadimeter.simulation.camera import silhouette
 from support.each_case import each_case
 from support.scenes.backdrop import ClutterBackdrop, PlainBackdrop
 from support.scenes.ball import BallSurface, BallTarget

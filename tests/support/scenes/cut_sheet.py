@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
-from stadimeter.simulation.silhouette import Vector
+from stadimeter.simulation.camera import Vector
 from support.scenes.plane import PAPER_BGR, Pose, Posed
 from support.scenes.target import Colour, Floats, Layer, Rays, Target, slope
 from support.scenes.tone import decode_srgb
