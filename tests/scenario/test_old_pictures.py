@@ -23,6 +23,7 @@ import pytest
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.simulation.camera import paint_ball
+from stadimeter.testing.rig import eventually
 from support.program_and_board import Rig
 from support.simulated_run import LENS as LENS_TABLE
 from support.slow_network import hand_on
@@ -231,11 +232,12 @@ def test_no_robot_moves_on_pictures_that_are_not_now(fail):
     with running(source, 'latency = "20 ms"') as rig:
         rig.wait_for("base 0.3")
         time.sleep(FOLLOWS_FOR_S)
-        assert rig.board()["driven_mps"] > 0
+        eventually(lambda: rig.board()["driven_mps"] > 0)  # a busy machine may have held up a picture just now
         failed_s = fail(source, rig)
         time.sleep(WATCHED_S)
         assert rig.board()["driven_mps"] == 0
-        assert rig.board()["stopped_at_s"] - failed_s <= STOOD_WITHIN_S, rig.said
+        stood_after_s = rig.board()["stopped_at_s"] - failed_s
+        assert stood_after_s <= STOOD_WITHIN_S, f"{stood_after_s:.2f} s: {rig.said}"
 
 
 @pytest.mark.parametrize("latency", ["", 'latency = "2 s"'], ids=["unsaid", "stated"])

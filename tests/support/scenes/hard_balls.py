@@ -55,6 +55,7 @@ class HardBall(Struct, frozen=True, kw_only=True):
     surface: str
     backdrop: str
     has_hand: bool
+    radius_px: float
 
 
 def hard_ball(
@@ -88,6 +89,7 @@ def hard_ball(
         surface=surface_name,
         backdrop=kind,
         has_hand=hand is not None,
+        radius_px=ball.apparent_px(camera) / 2,
     )
 
 
