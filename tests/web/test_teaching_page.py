@@ -52,7 +52,7 @@ def here(tmp_path: Path, began_s: float) -> Iterator[Served]:
 
 
 def shown(page: Any, words: str) -> None:
-    until(page, f"document.querySelector('[aria-label=\"What if\"] [role=status]').textContent.includes({words!r})")
+    until(page, f"document.querySelector('[aria-label=\"What if\"] [role=status]')?.textContent.includes({words!r})")
 
 
 def test_a_newcomer_mends_a_rule_that_fired_wrongly(browser: Any, here: Served, began_s: float) -> None:

@@ -2,11 +2,10 @@
 
 import { api } from "./api.js";
 import { ask, askedBy } from "./dialog.js";
-import { h, replace } from "./dom.js";
 import { old, UNITS } from "./format.js";
 import { Live } from "./live_stream.js";
 import { alarmsInWords, Others, OthersBar } from "./others.js";
-import { stopButton } from "./stop.js";
+import { drawStop } from "./stop.js";
 import { Badge, Button, html, Icon, inCode, render } from "./ui.js";
 
 const VIEWS = {
@@ -28,7 +27,6 @@ const live = new Live();
 let session = null;
 let others = null;
 let said = [];
-let takeDown = () => {};
 let opened = 0;
 
 /** Say something about what was done: good news goes by itself, the rest when it was read. */
@@ -53,22 +51,25 @@ const canOperate = () => session.right === "operate";
 async function open() {
   const mine = ++opened;
   const view = route();
-  takeDown();
-  takeDown = () => {};
+  const show = (content) => {
+    const kind = view.isOfRun ? "view of-run" : "view";
+    if (mine === opened) render(html`<div key=${mine} class=${kind}>${content}</div>`, part("main"));
+  };
+  show(null);
   document.title = `${view.name} · stadimeter`;
   drawTabs();
   drawState();
-  const root = h("div", { class: view.isOfRun ? "view of-run" : "view" });
-  replace(part("main"), root);
   try {
     if (view.right === "operate" && !canOperate())
       throw new Error("You are logged in to look. This page is for those who may operate.");
-    const { mount } = await view.load();
-    if (mine === opened) takeDown = mount(root, { session, api, live, others, unit: chosenUnit(), say }) ?? takeDown;
+    const { View } = await view.load();
+    show(html`<${View} ...${{ session, api, live, others, unit: chosenUnit(), say }} />`);
   } catch (error) {
-    replace(root, h("p", { class: "banner is-error" }, error.message));
+    show(failed(error));
   }
 }
+
+const failed = (error) => html`<p class="banner is-error">${error.message}</p>`;
 
 function drawTabs() {
   const here = VIEWS[route().within] ?? route();
@@ -179,12 +180,12 @@ async function begin() {
   try {
     session = await api.get("session");
   } catch (error) {
-    replace(part("main"), h("p", { class: "banner is-error" }, error.message));
+    render(failed(error), part("main"));
     setTimeout(begin, 2000);
     return;
   }
   drawMenu();
-  if (canOperate()) replace(part("stop"), stopButton(api));
+  if (canOperate()) drawStop(part("stop"), api);
   others = new Others(api, session);
   others.watch((list) => render(html`<${OthersBar} others=${list} />`, part("others")));
   window.addEventListener("hashchange", open);

@@ -1,98 +1,95 @@
 // A question before something is done: a sentence, fields to fill in, and what the answer will do.
 
-import { button, h, write } from "./dom.js";
+import { Button, Field, html, render, useState } from "./ui.js";
 
 const LOST = "What you changed is lost if you leave. Leave once more to do so.";
 
-/** Resolves to the values of the fields by name, or to null if it was left.
- *  A field is `{name, label, value, type, placeholder}`, or has `options: [[value, label], …]`.
- *  With `send(values)`, which does it, it resolves to `{answer}`; where that fails, it says why, and what was typed
- *  stays. */
-export function ask({ title, words = "", fields = [], action, isDangerous = false, send = null }) {
-  return new Promise((resolve) => {
-    let given = null;
-    const failed = h("p", { class: "fault", role: "alert" });
-    const go = h("button", { type: "submit", class: `button ${isDangerous ? "danger" : "primary"}` }, action);
-    const values = () => Object.fromEntries(new FormData(form));
-    const submit = async (event) => {
-      event.preventDefault();
-      const filled = values();
-      go.disabled = true;
-      try {
-        given = send ? { answer: await send(filled) } : filled;
-        dialog.close();
-      } catch (error) {
-        write(failed, error.message);
-      }
-      go.disabled = false;
-    };
-    const form = h(
-      "form",
-      { class: "stack", onsubmit: submit },
-      h("h2", null, title),
-      words && h("p", { class: "quiet" }, words),
-      fields.map(field),
-      failed,
-      h(
-        "div",
-        { class: "row end" },
-        button("Cancel", () => leave()),
-        go,
-      ),
-    );
-    const dialog = h("dialog", { "aria-label": title }, form);
-    const before = JSON.stringify(values());
-    dialog.addEventListener("close", () => resolve(given));
-    const leave = showModal(dialog, () => JSON.stringify(values()) !== before);
-  });
-}
-
-/** Who does something and why: both may be left empty. The name is remembered. */
-export const askedBy = () => [
-  { name: "why", label: "Why", placeholder: "may be left empty", maxLength: 200, autofocus: true },
-  {
-    name: "by",
-    label: "Your name",
-    value: localStorage.getItem("name") ?? "",
-    placeholder: "may be left empty",
-    maxLength: 60,
-  },
-];
-
-/** Show a dialog over the page, until it is closed; returns what leaves it. Where something was changed, `isChanged()`,
- *  leaving asks first. Stop goes into it: outside of a modal dialog nothing takes a click. */
-export function showModal(dialog, isChanged = () => false) {
+/** Show a dialog over the page, until it is closed: `draw(leave, close)` returns what is in it. Leaving asks first where
+ *  something `isChanged()`, by default where one has typed or chosen. Stop goes into it: outside of a modal dialog
+ *  nothing takes a click. */
+export function openDialog({ label, kind = "", isChanged = null, onclose = () => {} }, draw) {
   const asked = document.activeElement;
   const stop = document.getElementById("stop");
-  const warning = h("p", { class: "fault", role: "alert" });
+  const [dialog, content, warning] = ["dialog", "div", "p"].map((tag) => document.createElement(tag));
+  let isTouched = false;
   const mayLeave = () => {
-    if (!isChanged() || warning.isConnected) return true;
-    dialog.append(write(warning, LOST));
+    if (!(isChanged ? isChanged() : isTouched) || warning.textContent) return true;
+    warning.textContent = LOST;
     return false;
   };
   const leave = () => mayLeave() && dialog.close();
   // Escape: as a key, since a browser closes a dialog at its second one whatever the event says.
   dialog.addEventListener("keydown", (event) => event.key === "Escape" && (event.preventDefault(), leave()));
   dialog.addEventListener("cancel", (event) => mayLeave() || event.preventDefault()); // the way back of a phone
-  dialog.addEventListener("input", () => warning.remove());
+  dialog.addEventListener("input", () => ((isTouched = true), (warning.textContent = "")));
   dialog.addEventListener("close", () => {
-    dialog.remove();
     ([...document.querySelectorAll("dialog:modal")].at(-1) ?? document.querySelector("header")).append(stop);
+    render(null, content);
+    dialog.remove();
     asked?.focus?.();
+    onclose();
   });
+  dialog.className = kind;
+  dialog.setAttribute("aria-label", label);
+  warning.className = "fault";
+  warning.setAttribute("role", "alert");
+  dialog.append(content, warning, stop);
   document.body.append(dialog);
-  dialog.append(stop);
+  render(
+    draw(leave, () => dialog.close()),
+    content,
+  );
   dialog.showModal();
-  return leave;
 }
 
-function field({ name, label, options, ...props }) {
-  const control = options
-    ? h(
-        "select",
-        { name, ...props },
-        options.map(([value, text]) => h("option", { value, selected: value === props.value }, text)),
-      )
-    : h("input", { name, autocomplete: "off", ...props });
-  return h("label", { class: "field" }, h("span", null, label), control);
+/** Resolves to the values of the fields by name, or to null if it was left.
+ *  A field is `{name, label, value, type, placeholder}`, or has `options: [[value, label], …]`.
+ *  With `send(values)`, which does it, it resolves to `{answer}`; where that fails, it says why, and what was typed
+ *  stays. */
+export function ask(question) {
+  return new Promise((resolve) => {
+    let given = null;
+    const draw = (leave, close) =>
+      html`<${Question} ...${question} leave=${leave} done=${(answer) => ((given = answer), close())} />`;
+    openDialog({ label: question.title, onclose: () => resolve(given) }, draw);
+  });
+}
+
+function Question({ title, words = "", fields = [], action, isDangerous = false, send = null, leave, done }) {
+  const [failed, say] = useState("");
+  const [isBusy, wait] = useState(false);
+  const submit = async (event) => {
+    event.preventDefault();
+    const filled = Object.fromEntries(new FormData(event.currentTarget));
+    wait(true);
+    try {
+      done(send ? { answer: await send(filled) } : filled);
+    } catch (error) {
+      say(error.message);
+    }
+    wait(false);
+  };
+  return html`<form class="stack" onsubmit=${submit}>
+    <h2>${title}</h2>
+    ${words && html`<p class="quiet">${words}</p>`}
+    ${fields.map((each) => html`<${Field} label=${each.label}><${Control} ...${each} /><//>`)}
+    <p class="fault" role="alert">${failed}</p>
+    <div class="row end"><${Button} onclick=${leave}>Cancel<//>
+      <button class=${`button ${isDangerous ? "danger" : "primary"}`} disabled=${isBusy}>${action}</button></div>
+  </form>`;
+}
+
+function Control({ label, options, value, ...props }) {
+  if (!options) return html`<input autocomplete="off" defaultValue=${value} ...${props} />`;
+  const option = ([each, words]) => html`<option value=${each} selected=${each === value}>${words}</option>`;
+  return html`<select ...${props}>${options.map(option)}</select>`;
+}
+
+/** Who does something and why: both may be left empty. The name is remembered. */
+export function askedBy() {
+  const may = { placeholder: "may be left empty" };
+  return [
+    { name: "why", label: "Why", maxLength: 200, autofocus: true, ...may },
+    { name: "by", label: "Your name", value: localStorage.getItem("name") ?? "", maxLength: 60, ...may },
+  ];
 }

@@ -60,16 +60,54 @@ export function useKept(key, otherwise) {
   return [localStorage.getItem(key) ?? otherwise, choose];
 }
 
-/** An element that draws itself: `make()` returns it, and what takes it down as its `takeDown`. */
-export function Own({ make, ...rest }) {
-  const root = useRef();
-  useLayoutEffect(() => {
-    const element = make();
-    root.current.append(element);
-    return () => (element.takeDown?.(), element.remove());
-  }, []);
-  return html`<div ref=${root} ...${rest} />`;
+/** What a view holds and does: `new Kind(draw, ...given)`, made once. It calls `draw()` when it has changed, and
+ *  `leave()` of it ends what it began. */
+export function useModel(Kind, ...given) {
+  const [, draw] = useReducer((count) => count + 1, 0);
+  const kept = useRef(null);
+  kept.current ??= new Kind(draw, ...given);
+  useEffect(() => () => kept.current.leave?.(), []);
+  return kept.current;
 }
+
+/** Ask again and again while the page is seen: `ask(signal)` shows what it brings, `failed(error)` what went wrong. */
+export function useAgain(ask, failed, isWanted = true) {
+  const newest = useRef();
+  newest.current = { ask, failed };
+  useEffect(() => {
+    const stop = new AbortController();
+    const next = async () => {
+      if (stop.signal.aborted) return;
+      let pause_ms = PAUSE_MS;
+      try {
+        if (!document.hidden) await newest.current.ask(stop.signal);
+      } catch (error) {
+        if (!stop.signal.aborted) await newest.current.failed(error);
+        pause_ms = AGAIN_MS;
+      }
+      setTimeout(next, pause_ms);
+    };
+    if (isWanted) next();
+    return () => stop.abort();
+  }, [isWanted]);
+}
+
+const PAUSE_MS = 60;
+const AGAIN_MS = 1500;
+
+/** A picture that an answer brought. */
+export function Photo({ blob, ...rest }) {
+  const image = useRef();
+  useLayoutEffect(() => {
+    if (!blob?.size) return;
+    image.current.src = URL.createObjectURL(blob);
+    return () => URL.revokeObjectURL(image.current?.src ?? "");
+  }, [blob]);
+  return html`<img ref=${image} hidden=${!blob?.size} ...${rest} />`;
+}
+
+/** A label above what it is of. */
+export const Field = ({ label, children }) => html`<label class="field"><span>${label}</span>${children}</label>`;
 
 /** A panel that is folded until it is wanted, which this browser remembers. What is folded is not drawn. */
 export function Fold({ name, title, said = "", isOpen = false, children }) {

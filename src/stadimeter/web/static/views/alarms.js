@@ -4,7 +4,7 @@ import * as format from "../format.js";
 import { latest } from "../latest.js";
 import { AllAlarms } from "../others.js";
 import { lookOf, stateInWords } from "../states.js";
-import { Badge, Button, html, render, useEffect, useReducer, useSnapshot, useState } from "../ui.js";
+import { Badge, Button, html, useEffect, useReducer, useSnapshot, useState } from "../ui.js";
 import { Events, SEVERITIES } from "./live/events.js";
 import { Actions, act } from "./live/rules.js";
 
@@ -12,12 +12,7 @@ const SLOW_MS = 500;
 const AGAIN_MS = 5000;
 const SLACK_S = 0.5;
 
-export function mount(root, context) {
-  render(html`<${View} ...${context} />`, root);
-  return () => render(null, root);
-}
-
-function View(context) {
+export function View(context) {
   const { live, unit, session, others } = context;
   const snapshot = useSnapshot(live, SLOW_MS);
   const told = useTold(context);

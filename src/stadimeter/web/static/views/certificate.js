@@ -1,58 +1,61 @@
 // The certificate of the site: the target at taped distances, one after the other, and what came of it.
 
-import { button, h, replace } from "../dom.js";
+import { Button, Field, html, useEffect, useRef, useState } from "../ui.js";
 
 const HOW = "Put the target at a distance, measured with a tape from the lens to its nearest point. Keep all still.";
 const WATCHING = "Watching for some seconds: keep all still …";
 
-export function mount(root, { api, say }) {
-  const form = h("div", { class: "stack" });
-  const found = h("div", { class: "stack" });
-  const asked = h("section", { class: "panel stack" }, h("h1", null, "Certificate of the site"), form);
-  replace(root, h("div", { class: "stack" }, asked, found));
-  ask("Reading the configuration …", () => api.get("certificate"));
+export function View({ api, say }) {
+  const [state, show] = useState(null);
+  const [busy, wait] = useState("Reading the configuration …");
+  const [failed, fail] = useState("");
 
   /** Ask something that answers with the state, and show that; after an error, the state as it is. */
-  async function ask(words, question) {
-    replace(form, h("p", { role: "status" }, words));
+  const ask = async (words, question) => {
+    wait(words);
     try {
-      draw(await question());
+      show(await question());
     } catch (error) {
       say(error.message, "error");
-      const failed = (other) => replace(form, h("p", { class: "banner is-error" }, other.message));
-      await api.get("certificate").then(draw, failed);
+      await api.get("certificate").then(show, (other) => fail(other.message));
     }
-  }
-
-  function draw({ left_m, remark, placements, certificate }) {
-    const distance = h("input", { value: left_m.length ? `${left_m[0]} m` : "" });
-    const sigma = h("input", { value: "2 mm" });
-    const field = (words, input) => h("label", { class: "field" }, h("span", null, words), input);
-    const take = () => api.post("certificate/take", { distance: distance.value, sigma: sigma.value });
-    const finish = () => ask("Writing …", () => api.post("certificate/finish"));
-    replace(
-      form,
-      h("p", null, HOW),
-      remark && h("p", null, remark),
-      row(field("Distance", distance), field("Known to ±", sigma)),
-      row(button("Measure", () => ask(WATCHING, take))),
-      list(placements.map(({ words }) => words)),
-      placements.filter((each) => each.is_read).length > 2 && button("Write the certificate", finish),
-    );
-    replace(found, certificate && drawCertificate(certificate));
-  }
+    wait("");
+  };
+  useEffect(() => void ask(busy, () => api.get("certificate")), []);
+  const take = (body) => ask(WATCHING, () => api.post("certificate/take", body));
+  const finish = (correct) => ask("Writing …", () => api.post("certificate/finish", { correct }));
+  return html`<div class="stack">
+    <section class="panel stack"><h1>Certificate of the site</h1>
+      ${failed && html`<p class="banner is-error">${failed}</p>`}
+      ${busy && html`<p role="status">${busy}</p>`}
+      ${!failed && !busy && html`<${Form} ...${state} take=${take} finish=${() => finish(false)} />`}</section>
+    ${state?.certificate && html`<${Certificate} ...${state.certificate} correct=${() => finish(true)} />`}
+  </div>`;
 }
 
-const row = (...children) => h("div", { class: "row" }, children);
-const list = (sentences) => h("ul", { class: "list" }, ...sentences.map((words) => h("li", null, words)));
+function Form({ left_m, remark, placements, take, finish }) {
+  const [distance, sigma] = [useRef(), useRef()];
+  const read = () => take({ distance: distance.current.value, sigma: sigma.current.value });
+  return html`<p>${HOW}</p>
+    ${remark && html`<p>${remark}</p>`}
+    <div class="row">
+      <${Field} label="Distance"><input ref=${distance} defaultValue=${left_m.length ? `${left_m[0]} m` : ""} /><//>
+      <${Field} label="Known to ±"><input ref=${sigma} defaultValue="2 mm" /><//></div>
+    <div class="row"><${Button} onclick=${read}>Measure<//></div>
+    <${List} sentences=${placements.map(({ words }) => words)} />
+    ${
+      placements.filter(({ is_read }) => is_read).length > 2 &&
+      html`<div class="row"><${Button} onclick=${finish}>Write the certificate<//></div>`
+    }`;
+}
 
-const drawCertificate = ({ date, outdated, words, rules }) =>
-  h(
-    "section",
-    { class: "panel stack", "aria-label": "Certificate" },
-    h("h2", null, `Measured ${date}`),
-    outdated && h("p", { class: "banner is-warning" }, `Out of date: ${outdated}.`),
-    words.map((each) => h("p", null, each)),
-    list(rules),
-    row(h("a", { href: "/api/v1/certificate.html", target: "_blank", class: "button" }, "To print")),
-  );
+const List = ({ sentences }) => html`<ul class="list">${sentences.map((each) => html`<li>${each}</li>`)}</ul>`;
+
+const Certificate = ({ date, outdated, words, rules, can_correct, correct }) => html`<section class="panel stack"
+  aria-label="Certificate"><h2>Measured ${date}</h2>
+  ${outdated && html`<p class="banner is-warning">Out of date: ${outdated}.</p>`}
+  ${words.map((each) => html`<p>${each}</p>`)}
+  <${List} sentences=${rules} />
+  <div class="row"><a href="/api/v1/certificate.html" target="_blank" class="button">To print</a>
+    ${can_correct && html`<${Button} onclick=${correct}>Correct the focal length<//>`}</div>
+</section>`;

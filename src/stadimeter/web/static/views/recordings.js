@@ -3,17 +3,12 @@
 import { ask } from "../dialog.js";
 import * as format from "../format.js";
 import { latest } from "../latest.js";
-import { Badge, Button, html, Own, render, useEffect, useRef, useSnapshot, useState } from "../ui.js";
+import { Badge, Button, html, useEffect, useRef, useSnapshot, useState } from "../ui.js";
 import { Replay } from "./replay.js";
 
 const CLIP_END_S = 2; // a clip is finished within a second or so after its end
 
-export function mount(root, context) {
-  render(html`<${View} ...${context} />`, root);
-  return () => render(null, root);
-}
-
-function View(context) {
+export function View(context) {
   const { api, say, session } = context;
   const canOperate = session.right === "operate";
   const [told, load] = useRecordings(api);
@@ -44,8 +39,8 @@ function View(context) {
       <${Orders} live=${context.live} load=${load} order=${canOperate && order} /></section>
     ${
       replayed &&
-      html`<${Player} key=${`${shown.name} ${shown.at_s}`} recording=${replayed} at_s=${shown.at_s}
-      context=${context} end=${() => show(null)} />`
+      html`<${Replay} key=${`${shown.name} ${shown.at_s}`} ...${replayed} at_s=${shown.at_s}
+      ...${context} end=${() => show(null)} />`
     }
     <section class="panel" aria-label="List">
       <ul class="list recordings">
@@ -138,16 +133,4 @@ function Recording({ recording, canOperate, open, remove }) {
       }</div>
     ${damage && html`<p class="damaged">▲ Damaged: ${damage}</p>`}
   </li>`;
-}
-
-function Player({ recording, at_s, context, end }) {
-  const make = () => {
-    const replay = new Replay(recording, context, end, at_s);
-    queueMicrotask(() => {
-      replay.slider.focus({ preventScroll: true });
-      replay.element.scrollIntoView({ block: "start" });
-    });
-    return Object.assign(replay.element, { takeDown: () => replay.close() });
-  };
-  return html`<${Own} make=${make} />`;
 }

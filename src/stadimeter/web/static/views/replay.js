@@ -1,165 +1,120 @@
 // One recording, moment by moment: its picture, what was measured, and what the rules made of it.
 
-import { h, replace, write } from "../dom.js";
 import * as format from "../format.js";
+import { latest } from "../latest.js";
+import { Button, html, Photo, useEffect, useModel, useRef } from "../ui.js";
 
 const STEP_S = 0.1;
 
-export class Replay {
-  constructor({ name, seconds }, { api, unit }, onend, at_s = 0) {
-    Object.assign(this, {
-      name,
-      seconds,
-      api,
-      unit,
-      onend,
-      wanted: 0,
-      isBusy: false,
-      isPlaying: false,
-      isClosed: false,
-      url: "",
-    });
-    this.picture = h("img", { alt: "The camera's picture at that moment" });
-    this.slider = h("input", {
-      type: "range",
-      min: 0,
-      max: seconds,
-      step: STEP_S,
-      value: 0,
-      "aria-label": "Moment of the recording",
-      oninput: () => this.#moved(),
-    });
-    this.time = h("output");
-    this.play = h("button", { type: "button", class: "button", onclick: () => this.#toggle() }, "Play");
-    this.values = h("div", { class: "stack" });
-    this.element = h(
-      "section",
-      { class: "panel stack", "aria-label": `Replay of ${name}` },
-      h(
-        "div",
-        { class: "row" },
-        h("h2", { class: "grow" }, name),
-        h("button", { type: "button", class: "button", onclick: () => this.end() }, "Close"),
-      ),
-      h(
-        "div",
-        { class: "replay" },
-        h(
-          "div",
-          { class: "stack" },
-          h("figure", {}, this.picture),
-          this.slider,
-          h("div", { class: "row" }, this.play, this.time),
-        ),
-        this.values,
-      ),
-    );
-    this.show(at_s);
+export function Replay({ name, seconds, at_s, api, unit, end }) {
+  const player = useModel(Player, api, name, seconds);
+  const [root, slider] = [useRef(), useRef()];
+  useEffect(() => {
+    player.show(at_s);
+    slider.current.focus({ preventScroll: true });
+    root.current.scrollIntoView({ block: "start" });
+  }, []);
+  const { shown, failed, isPlaying } = player;
+  const now = player.at_s.toFixed(1);
+  return html`<section class="panel stack" aria-label=${`Replay of ${name}`} ref=${root}>
+    <div class="row"><h2 class="grow">${name}</h2><${Button} onclick=${end}>Close<//></div>
+    <div class="replay">
+      <div class="stack"><figure><${Photo} blob=${shown?.blob} alt="The camera's picture at that moment" /></figure>
+        <input type="range" min="0" max=${seconds} step=${STEP_S} value=${player.at_s} ref=${slider}
+          aria-label="Moment of the recording" aria-valuetext=${`${now} of ${seconds.toFixed(1)} seconds`}
+          oninput=${(event) => player.move(Number(event.target.value))} />
+        <div class="row"><${Button} onclick=${() => player.play()}>${isPlaying ? "Pause" : "Play"}<//>
+          <output>${now} s of ${seconds.toFixed(1)} s</output></div></div>
+      <div class="stack">${failed ? html`<p>${failed}</p>` : shown && html`<${Moment} ...${shown.values} unit=${unit} />`}</div>
+    </div>
+  </section>`;
+}
+
+class Player {
+  at_s = 0;
+  shown = null; // `{blob, values}`
+  failed = "";
+  #begun_ms = null; // of the playing that goes on
+
+  constructor(draw, api, name, seconds) {
+    Object.assign(this, { draw, api, seconds, path: `recordings/${encodeURIComponent(name)}/frame.jpg` });
+  }
+
+  get isPlaying() {
+    return this.#begun_ms !== null;
+  }
+
+  leave() {
+    this.#begun_ms = null;
+    this.#load.end();
   }
 
   /** Show a moment; while one is on its way, only the newest wish is kept. */
-  async show(at_s) {
-    this.wanted = Math.min(this.seconds, Math.max(0, at_s));
-    this.slider.value = this.wanted;
-    this.slider.setAttribute("aria-valuetext", `${this.wanted.toFixed(1)} of ${this.seconds.toFixed(1)} seconds`);
-    write(this.time, `${this.wanted.toFixed(1)} s of ${this.seconds.toFixed(1)} s`);
-    if (this.isBusy) return;
-    this.isBusy = true;
-    for (let shown = null; shown !== this.wanted && !this.isClosed; ) {
-      shown = this.wanted;
-      await this.#load(shown);
-    }
-    this.isBusy = false;
+  show(at_s) {
+    this.at_s = Math.min(this.seconds, Math.max(0, at_s));
+    this.draw();
+    return this.#load(this.at_s);
   }
 
-  end() {
-    this.close();
-    this.onend();
+  move(at_s) {
+    this.#begun_ms = null;
+    return this.show(at_s);
   }
 
-  close() {
-    this.isClosed = true;
-    this.isPlaying = false;
-    URL.revokeObjectURL(this.url);
-  }
-
-  #moved() {
-    if (this.isPlaying) this.#toggle();
-    this.show(Number(this.slider.value));
-  }
-
-  async #load(at_s) {
+  #load = latest(async (signal, at_s) => {
     try {
-      const { blob, values } = await this.api.picture(
-        `recordings/${encodeURIComponent(this.name)}/frame.jpg?at_s=${at_s}`,
-      );
-      if (this.isClosed) return;
-      URL.revokeObjectURL(this.url);
-      this.url = blob.size ? URL.createObjectURL(blob) : "";
-      this.picture.hidden = !blob.size;
-      if (blob.size) this.picture.src = this.url;
-      replace(this.values, describe(values, this.unit));
+      this.shown = await this.api.picture(`${this.path}?at_s=${at_s}`, { signal });
+      this.failed = "";
     } catch (error) {
-      replace(this.values, h("p", {}, error.message));
-      this.isPlaying = false;
+      if (signal.aborted) return;
+      this.failed = error.message;
+      this.#begun_ms = null;
     }
-  }
+    this.draw();
+  });
 
-  /** Play at the pace of the clock, as many pictures as come. */
-  async #toggle() {
-    this.isPlaying = !this.isPlaying;
-    write(this.play, this.isPlaying ? "Pause" : "Play");
-    if (!this.isPlaying) return;
-    const from_s = this.wanted >= this.seconds ? 0 : this.wanted;
-    const began_ms = performance.now();
-    while (this.isPlaying && !this.isClosed) {
-      await this.show(from_s + (performance.now() - began_ms) / 1000);
-      if (this.wanted >= this.seconds) this.isPlaying = false;
+  /** Play at the pace of the clock, as many pictures as come; or pause. */
+  async play() {
+    const from_s = this.at_s >= this.seconds ? 0 : this.at_s;
+    const begun_ms = this.isPlaying ? null : performance.now();
+    this.#begun_ms = begun_ms;
+    this.draw();
+    while (begun_ms !== null && this.#begun_ms === begun_ms) {
+      await this.show(from_s + (performance.now() - begun_ms) / 1000);
       await new Promise(requestAnimationFrame);
+      if (this.at_s >= this.seconds) this.leave();
     }
-    write(this.play, "Play");
+    this.draw();
   }
 }
 
 /** What was at a moment, as `recordings/NAME/frame.jpg` and `timeline/moment` tell it. */
-export function describe(
-  { unix_s, targets, rules, outputs = [], events = [], safety = { mode: "active" } },
-  unit,
-  measured = "Measured",
-) {
-  const row = (name, value, why = "") =>
-    h("li", {}, h("strong", {}, name), ` ${value}`, why && h("p", { class: "quiet" }, format.words(why, unit)));
+export function Moment({ unix_s, targets, rules, outputs = [], events = [], safety, unit, measured = "Measured" }) {
+  const { mode, reason } = safety ?? { mode: "active" };
+  const row = (name, value, why = "") => html`<li><strong>${name}</strong> ${value}
+    ${why && html`<p class="quiet">${format.words(why, unit)}</p>`}</li>`;
   const part = (title, rows) =>
-    rows.length > 0 && h("section", {}, h("h3", {}, title), h("ul", { class: "list" }, rows));
-  return [
-    h("p", { class: "quiet" }, format.moment(unix_s)),
-    safety.mode !== "active" &&
-      h("p", { class: "damaged" }, `Outputs were at their safe values: ${safety.reason || safety.mode}`),
-    part(
+    rows.length > 0 && html`<section><h3>${title}</h3><ul class="list">${rows}</ul></section>`;
+  const distance = (each) => (each.is_valid ? format.distance(each.distance_m, each.sigma_m, unit).text : each.status);
+  const happened = ({ source, kind }) => `${source} ${kind.replaceAll("_", " ")}`;
+  return html`<p class="quiet">${format.moment(unix_s)}</p>
+    ${mode !== "active" && html`<p class="damaged">Outputs were at their safe values: ${reason || mode}</p>`}
+    ${part(
       measured,
-      targets.map((each) =>
-        row(
-          each.name,
-          each.is_valid ? format.distance(each.distance_m, each.sigma_m, unit).text : each.status,
-          each.reason,
-        ),
-      ),
-    ),
-    part(
+      targets.map((each) => row(each.name, distance(each), each.reason)),
+    )}
+    ${part(
       "Rules",
       rules.map((each) => row(each.rule, each.status, each.reason)),
-    ),
-    part(
+    )}
+    ${part(
       "Outputs",
       outputs.map((each) => row(each.output, driven(each, unit), each.reason)),
-    ),
-    part(
+    )}
+    ${part(
       "Events",
-      events.map((each) =>
-        row(format.moment(each.unix_s), `${each.source} ${each.kind.replaceAll("_", " ")}`, each.reason),
-      ),
-    ),
-  ];
+      events.map((each) => row(format.moment(each.unix_s), happened(each), each.reason)),
+    )}`;
 }
 
 function driven({ kind, level, linear_mps, angular_radps }, unit) {

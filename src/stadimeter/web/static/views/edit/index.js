@@ -1,193 +1,183 @@
 // The configuration as text: problems and meaning while one types, what it would have done, saving, versions.
 
 import { ask } from "../../dialog.js";
-import { differenceView } from "../../difference.js";
-import { h, replace, write } from "../../dom.js";
+import { Difference } from "../../difference.js";
 import { latest } from "../../latest.js";
-import { html, render } from "../../ui.js";
+import { Button, html, useEffect, useModel, useState } from "../../ui.js";
 import { Editor } from "./editor.js";
 import { Meaning } from "./problems.js";
-import { Saving } from "./saving.js";
+import { Conflict, Saved } from "./saving.js";
 import { Trying } from "./trying.js";
 import { Versions } from "./versions.js";
 
 const PAUSE_MS = 250; // since the last key
 
-/** Show the view in `root`; returns what takes it down. */
-export function mount(root, { api, say, unit }) {
-  const desk = new Desk(root, api, say, unit);
-  desk.load();
-  return () => desk.close();
+export function View(context) {
+  const desk = useModel(Desk, context);
+  useEffect(() => void desk.load(), []);
+  const { failed, path, text, base, answer, below, hand, isChanged } = desk;
+  if (failed || !path) return html`<p class=${failed ? "banner is-error" : "quiet"}>${failed || "Loading …"}</p>`;
+  return html`<div class="edit">
+    <section class="panel stack" aria-label="Text">
+      <h1>Configuration <span class="quiet small">${path}</span></h1>
+      <${Editor} label="Configuration, as TOML" text=${text} hand=${hand} onchange=${desk.changed}
+        problems=${answer?.problems?.filter(({ isElsewhere }) => !isElsewhere) ?? []} />
+      <div class="row"><p class="quiet grow" role="status">${isChanged ? "Not saved." : "As saved."}</p>
+        <${Button} disabled=${!isChanged} onclick=${() => desk.discard()}>Discard changes<//>
+        <${Button} kind="primary" disabled=${!isChanged || desk.isSaving} onclick=${() => desk.save()}>Save<//></div>
+      <div class="stack" role="status">${below}</div>
+      <${Changes} before=${base.text} after=${text} />
+    </section>
+    <${Meaning} answer=${answer} goTo=${hand.goTo} test=${() => desk.check(text, { tests: true })} />
+    <div class="stack wide"><${Trying} desk=${desk} /><${Versions} desk=${desk} /></div>
+  </div>`;
 }
 
+function Changes(texts) {
+  const [isOpen, open] = useState(false);
+  const label = "What you changed";
+  return html`<details class="changes" ontoggle=${(event) => open(event.currentTarget.open)}><summary>${label}</summary>
+    ${isOpen && html`<${Difference} ...${texts} label=${label} none="Nothing." />`}</details>`;
+}
+
+/** The text in the field, and `base`, which it began from. */
 class Desk {
-  constructor(root, api, say, unit) {
-    Object.assign(this, { root, api, say, unit, base: { text: "", version: "" }, path: "" });
-    this.editor = new Editor("Configuration, as TOML", () => this.#changed());
-    this.meaning = h("div");
-    this.saving = new Saving(this);
-    this.trying = new Trying(this);
-    this.versions = h("div");
-    this.state = h("p", { class: "quiet grow", role: "status" });
-    this.save = h("button", { type: "button", class: "button primary", onclick: () => this.#save() }, "Save");
-    this.discard = h("button", { type: "button", class: "button", onclick: () => this.#discard() }, "Discard changes");
-    this.changes = h(
-      "details",
-      { class: "changes", ontoggle: () => this.#showChanges() },
-      h("summary", {}, "What you changed"),
-      h("div"),
-    );
+  text = "";
+  base = { text: "", version: "" };
+  path = "";
+  versions = [];
+  answer = null; // of the check
+  below = null; // what is to be said or chosen after a save
+  hand = {}; // of the field; see `Editor`
+
+  constructor(draw, { api, say, unit }) {
+    Object.assign(this, { draw, api, say, unit });
     this.leaving = (event) => this.isChanged && event.preventDefault();
     window.addEventListener("beforeunload", this.leaving);
   }
 
   get isChanged() {
-    return this.editor.text !== this.base.text;
+    return this.text !== this.base.text;
+  }
+
+  put(changed) {
+    Object.assign(this, changed);
+    this.draw();
   }
 
   async load() {
     try {
       const { text, version, path, versions } = await this.api.get("configuration");
-      Object.assign(this, { path, base: { text, version } });
-      this.#draw();
       const draft = keptDraft(path);
-      if (draft) this.base = draft.base;
-      this.editor.text = draft?.text ?? text;
-      this.#changed();
-      this.#showVersions(versions);
-      this.trying.load();
-      if (draft)
-        this.say(
-          draft.base.version === version
-            ? "Your text from before is here. It is not saved."
-            : "Your text from before is here. The saved configuration has changed since: saving will show you how.",
-          "warning",
-        );
+      this.put({ path, versions, base: draft?.base ?? { text, version } });
+      this.changed(draft?.text ?? text);
+      if (!draft) return;
+      const since =
+        draft.base.version === version
+          ? "It is not saved."
+          : "The saved configuration has changed since: saving will show you how.";
+      this.say(`Your text from before is here. ${since}`, "warning");
     } catch (error) {
-      replace(this.root, h("p", { class: "banner is-error" }, error.message));
+      this.put({ failed: error.message });
     }
   }
 
-  close() {
+  leave() {
     clearTimeout(this.timer);
     this.check.end();
-    this.trying.stop();
     window.removeEventListener("beforeunload", this.leaving);
   }
 
-  /** Show problems that a refusal came with. */
-  show(problems) {
-    this.#checked({ problems: problems.map((each) => ({ severity: "error", ...each })) });
-  }
-
-  /** What the editor held was saved. */
-  async saved({ version }, text) {
-    this.base = { text, version };
-    this.#changed();
-    this.say("Saved.");
-    await this.#refresh();
-  }
-
-  /** Go on from what is saved now. */
-  use({ text, version }) {
-    this.base = { text, version };
-    this.editor.text = text;
-    this.#changed();
-  }
-
-  async restored(answer) {
-    await this.#refresh((now) => this.use(now));
-    this.saving.offer(answer);
-  }
-
-  async #refresh(use = () => {}) {
-    try {
-      const now = await this.api.get("configuration");
-      use(now);
-      this.#showVersions(now.versions);
-    } catch (error) {
-      this.say(error.message, "error");
-    }
-  }
-
-  #showVersions = (versions) => render(html`<${Versions} versions=${versions} desk=${this} />`, this.versions);
+  changed = (text) => {
+    this.put({ text });
+    keepDraft(this);
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.check(text), PAUSE_MS);
+  };
 
   /** Ask what a text means; the newest one is asked about at once. */
   check = latest(
     async (signal, text, options = {}) => {
       try {
-        this.#checked(await this.api.post("configuration/check", { text, ...options }, { signal }), options.tests);
+        const { tests, ...answer } = await this.api.post("configuration/check", { text, ...options }, { signal });
+        this.show({ ...answer, tests: options.tests ? tests : null });
       } catch (error) {
-        if (!signal.aborted) this.#showMeaning({ failed: error.message });
+        if (!signal.aborted) this.put({ answer: { failed: error.message } });
       }
     },
     { calls_off: true },
   );
 
-  #checked(answer, isTested = false) {
-    const problems = answer.problems.map((each) => ({
+  /** Show what a check found, or the problems that a refusal came with. */
+  show({ problems, ...answer }) {
+    const found = problems.map((each) => ({
+      severity: "error",
       ...each,
       isElsewhere: Boolean(each.file) && each.file !== this.path,
     }));
-    this.editor.show(problems.filter((each) => !each.isElsewhere));
-    this.#showMeaning({ ...answer, problems, tests: isTested ? answer.tests : null });
+    this.put({ answer: { ...answer, problems: found } });
   }
 
-  #showMeaning(answer) {
-    const goTo = (line, column) => this.editor.goTo(line, column);
-    const test = () => this.check(this.editor.text, { tests: true });
-    render(html`<${Meaning} answer=${answer} goTo=${goTo} test=${test} />`, this.meaning);
+  async save(options = {}) {
+    const { text, base } = this;
+    this.put({ isSaving: true });
+    try {
+      const answer = await this.api.put("configuration", { text, base_version: base.version, ...options });
+      this.put({ base: { text, version: answer.version } });
+      keepDraft(this);
+      await this.saved(answer);
+    } catch (error) {
+      await this.#refused(error, options).catch(({ message }) => this.say(message, "error"));
+    }
+    this.put({ isSaving: false });
   }
 
-  async #save() {
-    this.save.disabled = true;
-    await this.saving.save();
-    this.#changed();
+  async #refused(error, options) {
+    if (error.code === "conflict") return this.#differs(await this.api.get("configuration"));
+    if (!error.problems?.length) throw error;
+    this.show(error);
+    const why = "A run that starts with it stops at once and says why. The run that goes on now is not touched.";
+    const words = `${error.message} ${why}`;
+    if (await ask({ title: "Save it with its errors?", words, action: "Save all the same" }))
+      await this.save({ ...options, even_if_wrong: true });
   }
 
-  async #discard() {
+  #differs(theirs) {
+    const keepMine = () => {
+      this.base = theirs;
+      return this.save();
+    };
+    const takeTheirs = () => {
+      this.put({ below: null });
+      this.use(theirs);
+      this.say("Their text is in the field. Undo brings yours back.");
+    };
+    const ways = { keepMine, takeTheirs };
+    this.put({ below: html`<${Conflict} base=${this.base} theirs=${theirs} ...${ways} />` });
+  }
+
+  /** Say that it was saved and what the run needs, and list the versions anew; `use(now)` takes what is saved now. */
+  async saved(answer, use = () => {}) {
+    this.put({ below: html`<${Saved} key=${answer.version} ...${answer} api=${this.api} say=${this.say} />` });
+    this.say("Saved.");
+    try {
+      const now = await this.api.get("configuration");
+      use(now);
+      this.put({ versions: now.versions });
+    } catch (error) {
+      this.say(error.message, "error");
+    }
+  }
+
+  /** Go on from what is saved now. */
+  use = ({ text, version }) => {
+    this.base = { text, version };
+    this.hand.put(text);
+  };
+
+  async discard() {
     const words = "The field shows what is saved. Undo brings your text back.";
-    if (await ask({ title: "Discard your changes?", words, action: "Discard" })) this.editor.text = this.base.text;
-  }
-
-  #changed() {
-    keepDraft(this.path, this.editor.text, this.base);
-    write(this.state, this.isChanged ? "Not saved." : "As saved.");
-    this.save.disabled = this.discard.disabled = !this.isChanged;
-    clearTimeout(this.timer);
-    this.timer = setTimeout(() => this.check(this.editor.text), PAUSE_MS);
-    this.trying.changed();
-    this.#showChanges();
-  }
-
-  #showChanges() {
-    if (this.changes.open)
-      replace(
-        this.changes.lastChild,
-        differenceView(this.base.text, this.editor.text, "What you changed") ?? h("p", { class: "quiet" }, "Nothing."),
-      );
-  }
-
-  #draw() {
-    this.#showMeaning(null);
-    replace(
-      this.root,
-      h(
-        "div",
-        { class: "edit" },
-        h(
-          "section",
-          { class: "panel stack", "aria-label": "Text" },
-          h("h1", {}, "Configuration ", h("span", { class: "quiet small" }, this.path)),
-          this.editor.element,
-          h("div", { class: "row" }, this.state, this.discard, this.save),
-          this.saving.element,
-          this.changes,
-        ),
-        this.meaning,
-        h("div", { class: "stack wide" }, this.trying.element, this.versions),
-      ),
-    );
+    if (await ask({ title: "Discard your changes?", words, action: "Discard" })) this.hand.put(this.base.text);
   }
 }
 
@@ -206,7 +196,7 @@ function keptDraft(path) {
 }
 
 /** Keep a draft; one that is as saved is forgotten. */
-function keepDraft(path, text, base) {
+function keepDraft({ path, text, base }) {
   try {
     if (text === base.text) sessionStorage.removeItem(KEY);
     else sessionStorage.setItem(KEY, JSON.stringify({ path, text, base }));

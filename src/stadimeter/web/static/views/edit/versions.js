@@ -1,16 +1,16 @@
 // The former versions of the configuration, and bringing one back.
 
 import { ask } from "../../dialog.js";
-import { differenceView } from "../../difference.js";
+import { Difference } from "../../difference.js";
 import { moment } from "../../format.js";
-import { Button, html, Own, useState } from "../../ui.js";
+import { Button, html, useState } from "../../ui.js";
 
-/** `desk` is the view: its `api`, `say`, `base`, `editor` and `restored(answer)`. */
-export const Versions = ({ versions, desk }) => html`<section class="panel" aria-label="Versions">
+/** `desk` is that of the view. */
+export const Versions = ({ desk }) => html`<section class="panel" aria-label="Versions">
   <h2>Former versions</h2>
   <ul class="list versions">
-    ${!versions.length && html`<li class="quiet">None yet. Each save keeps the text that it replaces.</li>`}
-    ${versions.map((each) => html`<${Version} key=${each.id} ...${each} desk=${desk} />`)}
+    ${!desk.versions.length && html`<li class="quiet">None yet. Each save keeps the text that it replaces.</li>`}
+    ${desk.versions.map((each) => html`<${Version} key=${each.id} ...${each} desk=${desk} />`)}
   </ul>
 </section>`;
 
@@ -30,9 +30,8 @@ function Version({ id, unix_s, words, desk }) {
     const send = () => desk.api.post(`${path}/restore`, { base_version: desk.base.version });
     const question = { title: `Bring back the version of ${title}?`, words: about, action: "Bring back", send };
     const done = await ask(question);
-    if (done) desk.restored(done.answer);
+    if (done) desk.saved(done.answer, desk.use);
   };
-  const changes = text !== null && differenceView(text, desk.editor.text, "From that version to the text in the field");
   return html`<li class="stack">
     <div class="row">
       <div class="grow"><strong>${title}</strong><p class="quiet">${words}</p></div>
@@ -42,7 +41,8 @@ function Version({ id, unix_s, words, desk }) {
     </div>
     ${
       text !== null &&
-      (changes ? html`<${Own} make=${() => changes} />` : html`<p>The text in the field is the same.</p>`)
+      html`<${Difference} before=${text} after=${desk.text} label="From that version to the text in the field"
+        none="The text in the field is the same." />`
     }
   </li>`;
 }

@@ -1,75 +1,62 @@
 // The colour of a ball of the run, by sliders beside what has that colour in the run's picture now.
 
-import { colourSliders } from "../../colour_sliders.js";
-import { showModal } from "../../dialog.js";
-import { button, h, write } from "../../dom.js";
+import { ColourSliders } from "../../colour_sliders.js";
+import { openDialog } from "../../dialog.js";
 import { distance } from "../../format.js";
-import { Saving } from "../edit/saving.js";
+import { Button, html, Photo, useAgain, useRef, useState } from "../../ui.js";
+import { Saved } from "../edit/saving.js";
 
-const PAUSE_MS = 60;
-const AGAIN_MS = 1500;
 const WIDTH_PX = 640;
 
 /** Open the dialog for a target by the name of its table. The run is not touched before it is saved and reloaded. */
-export function openColour(target, { api, say, unit }) {
+export function openColour(target, context) {
+  const changed = { isIt: false };
+  const draw = (leave) => html`<${Colour} target=${target} changed=${changed} leave=${leave} ...${context} />`;
+  openDialog({ label: `Colour of ${target}`, kind: "colour", isChanged: () => changed.isIt }, draw);
+}
+
+function Colour({ target, changed, leave, ...context }) {
+  const { api, unit } = context;
   const path = `targets/${encodeURIComponent(target)}/colour`;
-  const stop = new AbortController();
-  const saving = new Saving({ api, say });
-  const sliders = colourSliders(() => (save.disabled = false));
-  const leave = () => close();
-  const image = h("img", { alt: "What has this colour" });
-  const words = h("p", { class: "small" });
-  const wrong = h("p", { class: "banner is-error", role: "alert", hidden: true }); // each picture writes the words anew
-  const save = button("Save", keep, "primary", { disabled: true });
-  const dialog = h(
-    "dialog",
-    { class: "colour", "aria-label": `Colour of ${target}` },
-    h("h2", null, `Colour of ${target}`),
-    h("div", { class: "colour-beside" }, h("div", { class: "stack" }, image, words), sliders.element),
-    wrong,
-    saving.element,
-    h("div", { class: "row end" }, button("Close", leave), save),
+  const [range, choose] = useState("");
+  const [shown, show] = useState({ words: "" }); // `{blob, figures, words}`
+  const [saved, save] = useState(null); // `{answer}`, or `{failed}`: each picture writes the words anew
+  const [isChanged, change] = useState(false);
+  const version = useRef();
+  changed.isIt = isChanged;
+  useAgain(
+    async (signal) => {
+      const { blob, values } = await api.picture(`${path}.jpg?${new URLSearchParams({ range, width_px: WIDTH_PX })}`, {
+        signal,
+      });
+      version.current ??= values.version;
+      if (!range) choose(values.colour);
+      const words =
+        values.distance_m === null ? values.words : `${distance(values.distance_m, values.sigma_m, unit).text}.`;
+      show({ blob, words, figures: values.range });
+    },
+    (error) => show((was) => ({ ...was, words: error.message })),
   );
-  let version = null;
-  dialog.addEventListener("close", () => {
-    stop.abort();
-    URL.revokeObjectURL(image.src);
-  });
-  const close = showModal(dialog, () => !save.disabled);
-  next();
-
-  async function next() {
-    let pause = PAUSE_MS;
+  const chosen = (wanted) => (choose(wanted), change(true));
+  const keep = async () => {
+    change(false);
     try {
-      const query = new URLSearchParams({ range: sliders.range, width_px: WIDTH_PX });
-      const { blob, values } = await api.picture(`${path}.jpg?${query}`, { signal: stop.signal });
-      version ??= values.version;
-      if (!sliders.range) sliders.show(values.colour);
-      if (sliders.range === values.colour) sliders.tell(values.range);
-      const { distance_m, sigma_m } = values;
-      write(words, distance_m === null ? values.words : `${distance(distance_m, sigma_m, unit).text}.`);
-      URL.revokeObjectURL(image.src);
-      image.src = URL.createObjectURL(blob);
-      await image.decode().catch(() => {});
+      const answer = await api.post(path, { range, base_version: version.current ?? "" });
+      version.current = answer.version;
+      save({ answer });
     } catch (error) {
-      if (stop.signal.aborted) return;
-      write(words, error.message);
-      pause = AGAIN_MS;
+      change(true);
+      save({ failed: error.message });
+      context.say(error.message, "error");
     }
-    if (!stop.signal.aborted) setTimeout(next, pause);
-  }
-
-  async function keep() {
-    save.disabled = wrong.hidden = true;
-    try {
-      const answer = await api.post(path, { range: sliders.range, base_version: version ?? "" });
-      version = answer.version;
-      saving.offer(answer);
-    } catch (error) {
-      save.disabled = false;
-      wrong.hidden = false;
-      write(wrong, error.message);
-      say(error.message, "error");
-    }
-  }
+  };
+  return html`<div class="stack"><h2>Colour of ${target}</h2>
+    <div class="colour-beside">
+      <div class="stack"><${Photo} blob=${shown.blob} alt="What has this colour" /><p class="small">${shown.words}</p></div>
+      <${ColourSliders} range=${range} onrange=${chosen} figures=${shown.figures} /></div>
+    ${saved?.failed && html`<p class="banner is-error" role="alert">${saved.failed}</p>`}
+    ${saved?.answer && html`<${Saved} key=${saved.answer.version} ...${saved.answer} ...${context} />`}
+    <div class="row end"><${Button} onclick=${leave}>Close<//>
+      <${Button} kind="primary" disabled=${!isChanged} onclick=${keep}>Save<//></div>
+  </div>`;
 }

@@ -1,8 +1,8 @@
 // The live page: what the camera sees with its distance, what the rules do about it; the rest is folded until wanted.
 
 import * as format from "../../format.js";
-import { Fold, html, Own, render, useEffect, useKept, useRef, useSnapshot, useState } from "../../ui.js";
-import { TimelineChart } from "../timeline/chart.js";
+import { Fold, html, useEffect, useKept, useRef, useSnapshot, useState } from "../../ui.js";
+import { Chart as Drawn, TimelineChart } from "../timeline/chart.js";
 import { dataOf, readAt } from "../timeline/data.js";
 import { Events, whatHappened } from "./events.js";
 import { Outputs } from "./outputs.js";
@@ -21,13 +21,8 @@ const WINDOWS = [
 ];
 const CHARTED = new Set(["raised", "cleared", "acknowledged", "reset", "fault", "target_lost"]);
 
-export function mount(root, context) {
-  render(html`<${View} ...${context} />`, root);
-  return () => render(null, root);
-}
-
 /** It draws nothing by itself when a snapshot comes: its parts do, each at its own pace. */
-const View = (context) => html`<h1 class="sr">Live</h1>
+export const View = (context) => html`<h1 class="sr">Live</h1>
   <div class="live">
     <div class="stack seen"><${Picture} ...${context} /><${Chart} ...${context} /></div>
     <${Told} ...${context} />
@@ -41,8 +36,8 @@ function Told(context) {
   const notes = health?.notes ?? [];
   const bad = notes.filter(({ is_good }) => !is_good);
   return html`<div class="stack done">
-    <${Rules} rules=${rules} ...${context} />
-    <${Outputs} outputs=${outputs} ...${context} />
+    ${!snapshot && html`<p class="panel quiet">The rules and the outputs of the run stand here.</p>`}
+    ${snapshot && html`<${Rules} rules=${rules} ...${context} /><${Outputs} outputs=${outputs} ...${context} />`}
     ${
       snapshot &&
       html`<${Fold} name="tools" title="About the picture" said=${snapshot.recording && "recording"}>
@@ -51,7 +46,7 @@ function Told(context) {
     ${
       run?.world &&
       html`<${Fold} name="room" title="Simulated room" isOpen>
-      <${Room} world=${run.world} ...${context} /><//>`
+      <${Room} world=${run.world} send=${(body) => context.api.post("world", body)} ...${context} /><//>`
     }
     <${Fold} name="happened" title="Events" said=${events[0] && whatHappened(events[0])}>
       ${!events.length && html`<p class="quiet">Nothing has happened yet.</p>`}
@@ -88,47 +83,34 @@ const inUnit = ({ value, unit: si }, unit) =>
 function Chart({ live, unit }) {
   const [span, choose] = useKept("window", "30");
   const [words, say] = useState("");
-  const span_s = useRef();
-  span_s.current = Number(span) || 30;
   const chart = useRef(null);
-  const read = (unix_s) => {
-    const found = unix_s === null ? "" : readAt(chart.current.data, unix_s, unit);
+  const data = useRef(null);
+  const onread = (unix_s) => {
+    const found = unix_s === null || !data.current ? "" : readAt(data.current, unix_s, unit);
     const said = found && `${format.since(live.snapshot.unix_s - unix_s)} · ${found}`;
     say(said);
     return said;
   };
-  const make = () => {
-    const label = "Distances of the last minutes: arrow keys read them";
-    const drawn = new TimelineChart({ unit, onread: read, label, height: CHART_PX });
-    chart.current = { drawn, data: null };
-    return Object.assign(drawn.element, { takeDown: () => drawn.takeDown() });
-  };
+  const label = "Distances of the last minutes: arrow keys read them";
+  chart.current ??= new TimelineChart({ unit, onread, label, height: CHART_PX });
   const snapshot = useSnapshot(live, CHART_EVERY_MS);
   useEffect(() => {
-    if (!snapshot || !chart.current) return;
-    const { drawn } = chart.current;
-    const from_s = snapshot.unix_s - span_s.current;
-    const none = {
-      from_s,
-      step_s: span_s.current / CHART_STEPS,
-      count: CHART_STEPS,
-      targets: {},
-      lanes: [],
-      events: [],
-    };
-    const { events, ...data } = dataOf(none, live);
-    chart.current.data = { ...data, lanes: [], clips: [], events: events.filter(({ kind }) => CHARTED.has(kind)) };
+    if (!snapshot) return;
+    const from_s = snapshot.unix_s - Number(span);
+    const steps = { from_s, step_s: Number(span) / CHART_STEPS, count: CHART_STEPS };
+    const { events, ...rest } = dataOf({ ...steps, targets: {}, lanes: [], events: [] }, live);
+    data.current = { ...rest, lanes: [], clips: [], events: events.filter(({ kind }) => CHARTED.has(kind)) };
     const limits_m = new Set(snapshot.targets.flatMap(({ thresholds_m }) => thresholds_m));
-    drawn.thresholds = [...limits_m].map((value_m) => ({ rule: "", value_m }));
-    drawn.setView(from_s, snapshot.unix_s);
-    drawn.setData(chart.current.data);
+    chart.current.thresholds = [...limits_m].map((value_m) => ({ rule: "", value_m }));
+    chart.current.setView(from_s, snapshot.unix_s);
+    chart.current.setData(data.current);
   }, [snapshot, span]);
   return html`<section class="panel chart">
     <div class="row head"><h2>Distance</h2><span class="small number read">${words}</span>
       <select aria-label="How much of the past" onchange=${(event) => choose(event.target.value)}>
         ${WINDOWS.map(([value, text]) => html`<option value=${value} selected=${value === span}>${text}</option>`)}
       </select></div>
-    <${Own} make=${make} />
+    <${Drawn} chart=${chart.current} />
   </section>`;
 }
 

@@ -1,8 +1,8 @@
 // Each output as a meter: what it does, who commands it, and a test that lasts while a button is held.
 
 import * as format from "../../format.js";
-import { holdButton } from "../../hold_button.js";
-import { html, Own, useRef, useState } from "../../ui.js";
+import { HoldButton } from "../../hold_button.js";
+import { html, useRef, useState } from "../../ui.js";
 
 const MOVES = [
   ["forwards", 1, 0],
@@ -63,18 +63,16 @@ function Test({ name, kind, api }) {
   const [said, say] = useState("");
   const level = useRef();
   const path = `outputs/${encodeURIComponent(name)}/hold`;
-  const held = (label, wish) => () =>
-    holdButton({
-      label,
-      title: "Held only while you press",
-      send: async () => (await api.post(path, { ...wish(), by: localStorage.getItem("name") || "page" }))?.words ?? "",
-      release: () => api.post(path, { release: true }, { keepalive: true }),
-      onWords: say,
-    });
   const isLevel = kind === "level";
+  const held = (label, wish) => {
+    const send = async () =>
+      (await api.post(path, { ...wish(), by: localStorage.getItem("name") || "page" }))?.words ?? "";
+    const release = () => api.post(path, { release: true }, { keepalive: true });
+    return html`<${HoldButton} key=${label} label=${label} title="Held only while you press" send=${send}
+      release=${release} onWords=${say} />`;
+  };
   const move = ([label, along, round]) =>
-    html`<${Own} make=${held(label, () => ({ linear_mps: along * SLOW.mps, angular_radps: round * SLOW.radps }))} />`;
-  const hold = () => ({ level: level.current.value / 100 });
+    held(label, () => ({ linear_mps: along * SLOW.mps, angular_radps: round * SLOW.radps }));
   return html`<details class="test">
     <summary>Test it</summary>
     <p class="small quiet">${
@@ -88,7 +86,7 @@ function Test({ name, kind, api }) {
         html`<input type="range" min="0" max="100" defaultValue="50" ref=${level}
         aria-label=${`${name}: level of the test, in per cent`} />`
       }
-      ${isLevel ? html`<${Own} make=${held("Hold to test", hold)} />` : MOVES.map(move)}
+      ${isLevel ? held("Hold to test", () => ({ level: level.current.value / 100 })) : MOVES.map(move)}
     </div>
     <p class="small" role="status">${said}</p>
   </details>`;

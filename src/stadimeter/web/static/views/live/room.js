@@ -14,20 +14,22 @@ const RINGS = Array.from({ length: 20 }, (_, at) => at + 1);
 /** x is up in the drawing, y to the left: as the robot sees the room at first. */
 const place = ({ x_m, y_m }) => [-y_m, -x_m];
 
-export function Room({ world, api, session, unit, say }) {
+/** `send({target, x_m, y_m})`, `send({fault})` and `send({release})` change what `world` tells. */
+export function Room({ world, send, session, unit, say }) {
+  const isAlive = Object.keys(world.faults).length > 0;
   const isOurs = session.right === "operate";
   const [held, hold] = useState({ until_ms: 0 });
   const reach_m = useRef(0);
-  const send = useRef(null);
-  send.current ??= latest(async (_, body) => {
-    await api.post("world", body).catch((error) => say(error.message, "error"));
+  const wishes = useRef(null);
+  wishes.current ??= latest(async (_, body) => {
+    await send(body).catch((error) => say(error.message, "error"));
     await new Promise((done) => setTimeout(done, SEND_MS));
   });
   const { camera = { x_m: 0, y_m: 0, heading_rad: 0 } } = world;
   const isHeld = (name) => held.name === name && performance.now() < held.until_ms;
   const wish = (body, shown) => {
     hold({ ...shown, until_ms: performance.now() + HELD_MS });
-    send.current(body);
+    wishes.current(body);
   };
   const targets = world.targets.map((target) => (isHeld(target.name) ? { ...target, ...held } : target));
   reach_m.current = reachOf([...targets, camera], reach_m.current);
@@ -43,10 +45,9 @@ export function Room({ world, api, session, unit, say }) {
     <${Plan} reach_m=${reach_m.current} camera=${camera} targets=${targets} move=${isOurs && move} />
     ${targets.map((target) => html`<p class="small number">${target.name}: ${seenFrom(camera, target, unit)}</p>`)}
     ${
-      isOurs &&
-      html`<p class="small quiet">Drag the ball, or move it with the arrow keys. The rings are 1 m apart.</p>
-      <${Button} onclick=${() => send.current({ release: true })}>Let it go on by itself<//>`
+      isOurs && html`<p class="small quiet">Drag the ball, or move it with the arrow keys. The rings are 1 m apart.</p>`
     }
+    ${isOurs && isAlive && html`<${Button} onclick=${() => wishes.current({ release: true })}>Let it go on by itself<//>`}
     <div class="faults">${Object.entries(world.faults).map(box)}</div>`;
 }
 

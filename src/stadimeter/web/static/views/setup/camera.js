@@ -1,131 +1,102 @@
 // The camera: those that are there, with a picture of each; the one that is chosen is shown live, with its exposure.
 
-import { button, h, replace } from "../../dom.js";
-import { choices } from "./form.js";
+import { Button, html, Photo, useEffect, useModel, useRef } from "../../ui.js";
+import { Choices } from "./form.js";
 
 const SETTLED_MS = 500;
 
-export function widget(step) {
-  const views = new Map(); // where the picture of each goes, by its answer
-  const draw = ({ answer }) => {
-    views.set(answer, h("span", { class: "setup-look quiet small" }, "Looking …"));
-    return views.get(answer);
+export function Widget({ step }) {
+  const cameras = useModel(Cameras, step);
+  const exposure = useRef();
+  useEffect(() => cameras.lookThroughAll(), []);
+  useEffect(() => cameras.choose(step.answer), [step.answer]);
+  const look = ({ answer }) => {
+    const { blob, size, failed } = cameras.looks.get(answer) ?? {};
+    return html`<span class="setup-look quiet small">
+      ${blob && html`<${Photo} blob=${blob} alt=${`What ${answer} sees`} />`}
+      <span class=${failed && "is-wrong"}>${failed ?? size ?? "Looking …"}</span></span>`;
   };
-  const cards = choices(step, { draw });
-  const camera = new Camera(step, views);
-  step.setup.onLeave(() => camera.leave());
-  for (const [answer, view] of views) camera.look(answer, view);
-  step.onAnswer((answer) => camera.soon(answer));
-  return h("div", { class: "stack" }, cards, camera.exposure);
+  const { told } = cameras;
+  const time = told?.proposed_exposure_s ?? told?.exposure_s ?? 0.01;
+  const lock = () => cameras.lookThrough(step.answer, { exposure: exposure.current.value });
+  return html`<div class="stack"><${Choices} step=${step} draw=${look} />
+    <div class="stack setup-exposure" role="status">
+      ${told && [...told.remarks, ...told.settings].map((each) => html`<p class="small">${each}</p>`)}
+      ${
+        told?.has_exposure &&
+        html`<div class="field">
+          <span>${told.is_locked ? "Exposure: locked" : "Exposure: automatic. Locked, the colours stay as they are"}</span>
+          <div class="setup-size"><input type="text" aria-label="Exposure" ref=${exposure} key=${time}
+              defaultValue=${`${Number((1000 * time).toPrecision(2))} ms`} />
+            <${Button} onclick=${lock}>${told.is_locked ? "Change it" : "Lock it"}<//></div></div>`
+      }</div>
+  </div>`;
 }
 
 /** Looks through cameras, one at a time. */
-class Camera {
+class Cameras {
+  looks = new Map(); // what each sees, by its answer: `{blob, size}`, or `{failed}`
+  told = null; // of the camera that is chosen: blur, clipping, and its exposure, which may be locked
   #turn = Promise.resolve();
-  #asked = 0; // of the camera that is chosen
+  #chosen = "";
   #timer = 0;
-  #urls = [];
   #isOver = false;
-  #isTaken = false;
 
-  constructor(step, views) {
-    Object.assign(this, {
-      step,
-      views,
-      api: step.api,
-      exposure: h("div", { class: "stack setup-exposure", role: "status" }),
-    });
+  constructor(draw, step) {
+    Object.assign(this, { draw, step, api: step.api });
   }
 
   leave() {
     this.#isOver = true;
     clearTimeout(this.#timer);
-    for (const url of this.#urls) URL.revokeObjectURL(url);
   }
 
-  /** Look through a camera once, for its card. */
-  look(answer, view) {
-    this.#inTurn(async () => {
-      try {
-        const { width_px, height_px } = await this.api.post("setup/camera", { camera: answer });
-        const { blob } = await this.api.picture("setup/picture.jpg?draw=plain&width_px=320");
-        if (this.#isOver) return;
-        const url = URL.createObjectURL(blob);
-        this.#urls.push(url);
-        replace(
-          view,
-          h("img", { src: url, alt: `What ${answer} sees` }),
-          h("span", null, `${width_px} × ${height_px} pixels`),
-        );
-      } catch (error) {
-        replace(view, h("span", { class: "is-wrong" }, error.message));
-      }
-    });
+  /** Look through each camera once, for its card. */
+  lookThroughAll() {
+    for (const { answer } of this.step.question.options)
+      this.#inTurn(async () => {
+        const look = await this.#look(answer).catch((error) => ({ failed: error.message }));
+        this.looks.set(answer, look);
+        this.draw();
+      });
+  }
+
+  async #look(camera) {
+    const { width_px, height_px } = await this.api.post("setup/camera", { camera });
+    const { blob } = await this.api.picture("setup/picture.jpg?draw=plain&width_px=320");
+    return { blob, size: `${width_px} × ${height_px} pixels` };
   }
 
   /** Look through the camera that is chosen, unless another one is within a moment. */
-  soon(answer) {
+  choose(answer) {
     clearTimeout(this.#timer);
-    if (this.#isTaken) return;
-    this.#forget(); // what was said of the former one
-    this.#timer = setTimeout(() => this.#chosen(answer), SETTLED_MS);
+    if (answer === this.#chosen) return; // it was looked through just now
+    this.#chosen = answer;
+    this.#tell(null); // what was said of the former one
+    if (answer) this.#timer = setTimeout(() => this.lookThrough(answer), SETTLED_MS);
   }
 
-  /** Say what is to be said of the camera that is chosen: blur, clipping, and its exposure, which may be locked. */
-  #chosen(answer, changes = null) {
-    const mine = ++this.#asked;
-    const isOld = () => this.#isOver || mine !== this.#asked;
+  lookThrough(answer, exposure = null) {
+    const isOld = () => this.#isOver || answer !== this.#chosen;
     this.#inTurn(async () => {
-      if (isOld() || !answer) return;
+      if (isOld()) return;
       try {
-        const told = await this.api.post("setup/camera", { camera: answer, ...changes });
-        if (!isOld()) this.#tell(told, Boolean(changes));
-      } catch (error) {
+        const told = await this.api.post("setup/camera", { camera: answer, ...exposure });
         if (isOld()) return;
-        if (changes || !this.views.has(answer)) this.step.say(error.message);
-        if (!changes) this.#forget();
+        if (exposure) this.step.set((this.#chosen = told.answer));
+        this.#tell(told);
+      } catch (error) {
+        if (!isOld() && (exposure || !this.looks.has(answer))) this.step.say(error.message);
       }
     });
   }
 
-  #forget() {
-    replace(this.exposure);
+  #tell(told) {
+    this.told = told;
+    this.draw();
   }
 
   #inTurn(work) {
     this.#turn = this.#turn.then(() => this.#isOver || work());
   }
-
-  #tell(told, isTaken) {
-    if (isTaken && told.answer !== this.step.answer) {
-      this.#isTaken = true; // it was looked through just now
-      this.step.set(told.answer);
-      this.#isTaken = false;
-    }
-    replace(
-      this.exposure,
-      [...told.remarks, ...told.settings].map((each) => h("p", { class: "small" }, each)),
-      told.has_exposure && this.#exposure(told),
-    );
-  }
-
-  #exposure({ is_locked, proposed_exposure_s, exposure_s }) {
-    const now_s = proposed_exposure_s ?? exposure_s ?? 0.01;
-    const time = h("input", {
-      type: "text",
-      value: `${Number((1000 * now_s).toPrecision(2))} ms`,
-      "aria-label": "Exposure",
-    });
-    const lock = button(is_locked ? "Change it" : "Lock it", () =>
-      this.#chosen(this.step.answer, { exposure: time.value }),
-    );
-    return field(
-      is_locked ? "Exposure: locked" : "Exposure: automatic. Locked, the colours stay as they are",
-      time,
-      lock,
-    );
-  }
 }
-
-const field = (words, input, button) =>
-  h("div", { class: "field" }, h("span", null, words), h("div", { class: "setup-size" }, input, button));

@@ -1,237 +1,168 @@
 // A question as a form: what was found, what its kind needs, the answer as text, and the way on and back.
 
-import { h, inCode, replace, svg } from "../../dom.js";
+import { Button, Field, html, inCode, useModel, useRef } from "../../ui.js";
 
-/** The form of the question that is asked. A step's `widget(step)` returns what stands above the answer as text.
- *  The text field holds the answer: a widget sets it by `step.set(answer)`, and hears of it by `step.onAnswer(fn)`. */
-export function answerForm(setup, widget = choices) {
-  const { question, doubt, answers } = setup.state;
-  const step = new Step(setup, question);
-  const shown = widget(step);
-  step.isBusy(false);
-  const doubted =
-    doubt &&
-    h(
-      "div",
-      { class: "setup-doubt", role: "alert" },
-      doubt.notes.map((each) => h("p", null, inCode(each))),
-      h("p", null, "Change the answer, or go on with it as it is."),
-    );
-  if (doubted) step.onAnswer((answer) => (doubted.hidden = answer !== question.ready)); // it is about that answer alone
-  const others = h(
-    "details",
-    { class: "setup-text", open: !shown },
-    h("summary", null, shown ? "Answer in words instead" : "Your answer"),
-    h(
-      "label",
-      { class: "field" },
-      h("span", { class: "sr" }, question.text),
-      step.text,
-      question.names.length > 0 && namesList(question.key, question.names),
-      question.form && h("span", { class: "quiet small" }, question.form),
-    ),
-  );
-  const found = !step.picture.isSaid && question.found.map(told);
-  const send = async (event) => {
-    event.preventDefault();
-    if (step.go.disabled) return; // it is on its way
-    step.isBusy(true);
-    try {
-      await setup.answer(step.answer, step.more?.());
-    } catch (error) {
-      step.say(error.message);
-      step.text.setAttribute("aria-invalid", "true");
+/** The form of the question that is asked. A kind of question has a `Widget` of its `step`, which stands above the answer
+ *  as text, and `wayOf(step)`: `{goes, busy, Below}`, the words of the way on, and what stands below it. */
+export function Form({ setup, kind: { Widget = Choices, draw, wayOf = () => ({}) } }) {
+  const step = useModel(Step, setup);
+  const { question } = step;
+  const { doubt, answers } = setup.state;
+  const { goes = "Go on", busy = "One moment …", Below } = wayOf(step);
+  const isInWords = Widget === Choices && !question.options.length;
+  const submit = (event) => (event.preventDefault(), step.send());
+  const enter = (event) => event.key === "Enter" && event.target.tagName === "SELECT" && submit(event);
+  const found = html`${!draw && question.found.map((line) => html`<${Found} line=${line} />`)}`;
+  const others = html`<details class="setup-text" open=${isInWords}>
+    <summary>${isInWords ? "Your answer" : "Answer in words instead"}</summary>
+    <label class="field"><span class="sr">${question.text}</span>
+      <input type="text" autocomplete="off" spellcheck=${false} list=${namesOf(question)} data-first=""
+        aria-invalid=${step.error ? "true" : undefined} value=${step.answer}
+        oninput=${(event) => step.set(event.target.value)} />
+      <${Names} of=${question} />
+      ${question.form && html`<span class="quiet small">${question.form}</span>`}</label></details>`;
+  return html`<form class="panel stack" novalidate onsubmit=${submit} onkeydown=${enter}>
+    ${!Below && found}
+    <${Widget} step=${step} />
+    ${!Below && others}
+    ${
+      step.isDoubted &&
+      html`<div class="setup-doubt" role="alert">${doubt.notes.map((each) => html`<p>${inCode(each)}</p>`)}
+        <p>Change the answer, or go on with it as it is.</p></div>`
     }
-    step.isBusy(false);
-  };
-  const enter = (event) =>
-    event.key === "Enter" && event.target.tagName === "SELECT" && (event.preventDefault(), form.requestSubmit());
-  step.submit = (answer) => (step.set(answer), form.requestSubmit());
-  const form = h(
-    "form",
-    { class: "panel stack", onsubmit: send, onkeydown: enter, novalidate: true },
-    !step.below && found,
-    shown,
-    !step.below && others,
-    doubted,
-    step.error,
-    step.progress,
-    h(
-      "div",
-      { class: "row setup-way" },
-      answers.length > 0 && h("button", { type: "button", class: "button", onclick: () => setup.back() }, "Back"),
-      step.go,
-    ),
-    step.below,
-    step.below && [found, others],
-  );
-  return form;
+    <p class="setup-error" role="alert" hidden=${!step.error}>${step.error}</p>
+    <progress hidden=${!step.isSending && !step.isWaiting} aria-label="Working" />
+    <div class="row setup-way">
+      ${answers.length > 0 && html`<${Button} onclick=${() => setup.back()}>Back<//>`}
+      <button class="button primary" disabled=${step.isSending}>${
+        step.isSending ? busy : step.isDoubted ? "Use it all the same" : goes
+      }</button></div>
+    ${Below && html`<${Below} step=${step} />${found}${others}`}
+  </form>`;
 }
 
 /** What was found, in words. A drawing of a distance is in letters of one width, and what it is stands beside it. */
-function told(line) {
+function Found({ line }) {
   const [, drawn, words] = /^(lens \|.*?) {3,}(.*)$/.exec(line) ?? [];
   return drawn
-    ? h("p", { class: "row small" }, h("code", { class: "setup-drawing" }, drawn), h("span", null, words))
-    : h("p", { class: "quiet" }, inCode(line));
+    ? html`<p class="row small"><code class="setup-drawing">${drawn}</code><span>${words}</span></p>`
+    : html`<p class="quiet">${inCode(line)}</p>`;
 }
 
+/** The answer as it is now, and what became of it. */
 class Step {
-  #listeners = [];
-  below = null; // what stands below the way on
+  error = "";
+  isSending = false;
+  isWaiting = false; // a widget is
+  blanks = {}; // of options that leave something open: what was typed, by key
 
-  constructor(setup, question) {
-    Object.assign(this, {
-      setup,
-      question,
-      api: setup.api,
-      picture: setup.picture,
-      goes: "Go on",
-      busyWords: "One moment …",
-    });
-    this.text = h("input", {
-      type: "text",
-      value: question.ready,
-      autocomplete: "off",
-      spellcheck: false,
-      list: question.names.length > 0 ? `names-of-${question.key}` : null,
-      "data-first": "",
-      oninput: () => this.#tell(),
-    });
-    this.error = h("p", { class: "setup-error", role: "alert", hidden: true });
-    this.go = h("button", { type: "submit", class: "button primary" });
-    this.progress = h("progress", { hidden: true, "aria-label": "Working" });
-    this.isBusy(false);
+  constructor(draw, setup) {
+    const { question } = setup.state;
+    Object.assign(this, { draw, setup, api: setup.api, question, answer: question.ready });
   }
 
-  get answer() {
-    return this.text.value;
+  get isDoubted() {
+    return Boolean(this.setup.state.doubt) && this.answer === this.question.ready;
+  }
+
+  /** The options that are chosen: where it is asked for recipes, there may be several. */
+  get chosen() {
+    const answers = this.hasSeveral ? this.answer.split(/[\s,]+/) : [this.answer];
+    return this.question.options.filter(({ answer }) => answers.includes(answer));
+  }
+
+  get hasSeveral() {
+    return this.question.key === "recipe";
+  }
+
+  #put(changed) {
+    Object.assign(this, changed);
+    this.draw();
   }
 
   set(answer) {
-    if (answer === this.text.value) return;
-    this.text.value = answer;
-    this.#tell();
-  }
-
-  onAnswer(fn) {
-    this.#listeners.push(fn);
-    fn(this.answer);
+    if (answer !== this.answer) this.#put({ answer, error: "" });
   }
 
   say(words) {
-    this.error.hidden = !words;
-    replace(this.error, words && words[0].toUpperCase() + words.slice(1));
+    this.#put({ error: words && words[0].toUpperCase() + words.slice(1) });
   }
 
-  isBusy(isIt) {
-    this.go.disabled = isIt;
-    replace(this.go, isIt ? this.busyWords : this.#goes());
-    this.progress.hidden = !isIt;
+  wait(isWaiting) {
+    this.#put({ isWaiting });
   }
 
-  #goes() {
-    return this.setup.state.doubt && this.answer === this.question.ready ? "Use it all the same" : this.goes;
-  }
-
-  #tell() {
-    this.say("");
-    this.text.removeAttribute("aria-invalid");
-    replace(this.go, this.#goes());
-    for (const fn of this.#listeners) fn(this.answer);
+  async send(answer = this.answer) {
+    if (this.isSending) return;
+    this.#put({ answer, error: "", isSending: true });
+    const blanks = this.chosen.flatMap((each) => each.blanks);
+    try {
+      await this.setup.answer(
+        answer,
+        Object.fromEntries(blanks.map(({ key, ready }) => [key, this.blanks[key] ?? ready])),
+      );
+    } catch (error) {
+      this.say(error.message);
+    }
+    this.#put({ isSending: false });
   }
 }
 
 /** The answers that are suggested, as cards, with fields for what the chosen ones leave open; nothing where none are.
  *  `draw(option)` returns what a card shows more. Those of one group are folded away together, but for the first group
  *  and what is chosen. */
-export function choices(step, { draw = drawn } = {}) {
-  const { options, key, text } = step.question;
+export function Choices({ step, draw = drawn }) {
+  const { hasSeveral, chosen, question } = step;
+  const { options, key, text } = question;
+  const ready = useRef(new Set(chosen.map(({ group }) => group)));
   if (!options.length) return null;
-  const several = key === "recipe";
-  const opens = []; // the blanks of each option
-  const inputs = options.map((option) =>
-    h("input", { type: several ? "checkbox" : "radio", name: key, value: option.answer, onchange: chosen }),
-  );
-  const groups = [...new Set(options.map(({ group }) => group))].map((name, index) => {
-    const members = inputs.filter((_, at) => options[at].group === name);
-    const count = h("span", { class: "badge is-good" });
-    const cards = h("div", { class: "setup-cards" }, members.map(card));
-    const summary = h("summary", null, name, " ", count);
-    const element = name ? h("details", { class: "setup-group", open: index === 0 }, summary, cards) : cards;
-    return { members, count, element };
-  });
-  function chosen() {
-    step.set(
-      inputs
-        .filter((each) => each.checked)
-        .map((each) => each.value)
-        .join(" "),
-    );
-  }
-  function card(input) {
-    const option = options[inputs.indexOf(input)];
-    const [first, second] = option.group ? [option.meaning, option.answer] : [option.answer, option.meaning];
-    const words = [h("b", null, inCode(first)), " ", h("span", { class: "quiet" }, inCode(second))];
-    const label = h(
-      "label",
-      { class: "setup-card" },
-      input,
-      draw(option),
-      h("span", { class: "setup-card-words" }, words),
-    );
-    return [label, option.blanks.length > 0 && openOf(input, option)];
-  }
-  function openOf(input, { blanks }) {
-    const fields = blanks.map(blankField);
-    const open = h(
-      "div",
-      { class: "stack setup-open" },
-      fields.map(({ element }) => element),
-    );
-    const values = () => Object.fromEntries(blanks.map(({ key }, at) => [key, fields[at].input.value]));
-    opens.push({ input, open, values });
-    return open;
-  }
-  step.onAnswer((answer) => {
-    const words = several ? answer.split(/[\s,]+/) : [answer];
-    for (const each of inputs) each.checked = words.includes(each.value);
-    for (const { members, count, element } of groups) {
-      const mine = members.filter((each) => each.checked).length;
-      count.hidden = !mine;
-      replace(count, `${mine} chosen`);
-      if (mine) element.open = true;
-    }
-    for (const { input, open } of opens) open.hidden = !input.checked;
-  });
-  step.more = () => Object.assign({}, ...opens.filter(({ input }) => input.checked).map(({ values }) => values()));
-  (inputs.find((each) => each.checked) ?? inputs[0]).dataset.first = "";
-  const legend = h("legend", { class: "sr" }, text);
-  return h(
-    "fieldset",
-    { class: "setup-cards" },
-    legend,
-    groups.map(({ element }) => element),
-  );
+  const isChosen = (option) => chosen.includes(option);
+  const first = chosen[0] ?? options[0];
+  const choose = (option) => {
+    const others = options.filter((each) => (each === option) !== isChosen(each));
+    step.set(hasSeveral ? others.map(({ answer }) => answer).join(" ") : option.answer);
+  };
+  const card = (option) => {
+    const [name, words] = option.group ? [option.meaning, option.answer] : [option.answer, option.meaning];
+    return html`<label class="setup-card">
+        <input type=${hasSeveral ? "checkbox" : "radio"} name=${key} value=${option.answer} checked=${isChosen(option)}
+          data-first=${option === first ? "" : undefined} onchange=${() => choose(option)} />
+        ${draw(option)}
+        <span class="setup-card-words"><b>${inCode(name)}</b>${" "}<span class="quiet">${inCode(words)}</span></span></label>
+      ${
+        isChosen(option) &&
+        option.blanks.length > 0 &&
+        html`<div class="stack setup-open">
+          ${option.blanks.map((blank) => html`<${Blank} key=${blank.key} ...${blank} name=${blank.key} step=${step} />`)}</div>`
+      }`;
+  };
+  const group = (name, index) => {
+    const members = options.filter((each) => each.group === name);
+    if (!name) return members.map(card);
+    const count = members.filter(isChosen).length;
+    return html`<details class="setup-group" open=${index === 0 || ready.current.has(name)}>
+      <summary>${name}${" "}${count > 0 && html`<span class="badge is-good">${count} chosen</span>`}</summary>
+      ${members.map(card)}</details>`;
+  };
+  return html`<fieldset class="setup-cards"><legend class="sr">${text}</legend>
+    ${[...new Set(options.map((each) => each.group))].map(group)}</fieldset>`;
 }
 
 const drawn = ({ picture }) =>
-  picture &&
-  svg("svg", { viewBox: "0 0 80 60", class: "setup-drawn", "aria-hidden": "true" }, svg("path", { d: picture }));
+  picture && html`<svg viewBox="0 0 80 60" class="setup-drawn" aria-hidden="true"><path d=${picture} /></svg>`;
 
 /** A field for a blank, as its description has it: what it asks, the ready answer, names to choose from, its form. */
-function blankField({ key, text, ready, form, found, names, options }) {
-  const known = [...names, ...options.map(({ answer }) => answer)];
-  const list = known.length > 0 && namesList(key, known);
-  const props = { type: "text", value: ready, autocomplete: "off", spellcheck: false, list: list ? list.id : null };
-  const input = h("input", props);
-  const words = h("span", { class: "quiet small" }, inCode([form, ...found].filter(Boolean).join(". ")));
-  return { input, element: h("label", { class: "field" }, h("span", null, inCode(text)), input, list, words) };
+function Blank({ name, text, ready, form, found, names, options, step }) {
+  const known = { key: name, names: [...names, ...options.map(({ answer }) => answer)] };
+  return html`<${Field} label=${inCode(text)}>
+    <input type="text" autocomplete="off" spellcheck=${false} list=${namesOf(known)} defaultValue=${ready}
+      oninput=${(event) => (step.blanks[name] = event.target.value)} />
+    <${Names} of=${known} />
+    <span class="quiet small">${inCode([form, ...found].filter(Boolean).join(". "))}</span><//>`;
 }
 
-const namesList = (key, names) =>
-  h(
-    "datalist",
-    { id: `names-of-${key}` },
-    names.map((value) => h("option", { value })),
-  );
+const namesOf = ({ key, names }) => (names.length ? `names-of-${key}` : undefined);
+
+const Names = ({ of }) =>
+  of.names.length > 0 &&
+  html`<datalist id=${namesOf(of)}>${of.names.map((each) => html`<option value=${each} />`)}</datalist>`;

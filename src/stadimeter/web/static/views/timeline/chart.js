@@ -1,7 +1,7 @@
 // The chart of the timeline, by uPlot: distances with their bands, thresholds, events and clips; below, a lane a rule.
 
-import { h } from "../../dom.js";
 import { lookOf } from "../../states.js";
+import { html, useLayoutEffect, useRef } from "../../ui.js";
 import uPlot from "../../vendor/uplot/uPlot.js";
 
 const LANE = 30; // px: a name, and its bar below
@@ -9,12 +9,23 @@ const TOP = 34; // px above the plot, for clips and events
 const PLOT = 280;
 const LABEL = "Timeline: arrow keys read it, with Shift they scroll, plus and minus zoom, Enter explains";
 const AXIS = 44;
+const LABEL_PX = 64; // of a time below the plot, less what stands beside it
 const SPAN_MIN_S = 10;
 const SPAN_MAX_S = 32 * 86400;
 const ZOOM = 1.25;
 const TAP_PX = 6; // a pointer that moves less selects
 const COLOURS = { good: "good", alarm: "alarm", warning: "warn", unknown: "unknown", quiet: "line" };
 const BAD = new Set(["raised", "fault", "target_lost", "stopped", "disarmed", "measurement_lost"]);
+
+/** Where a chart stands; it is taken down with that. */
+export function Chart({ chart }) {
+  const root = useRef();
+  useLayoutEffect(() => {
+    root.current.append(chart.element);
+    return () => chart.takeDown();
+  }, []);
+  return html`<div ref=${root} />`;
+}
 
 /**
  * `setData({times, targets, lanes, events, clips})` draws: `times` in seconds since 1970, ascending; `targets` by name
@@ -40,14 +51,9 @@ export class TimelineChart {
 
   constructor({ unit, onread, onview = null, onselect = null, label = LABEL, height = PLOT }) {
     Object.assign(this, { unit, onview, onselect, onread, height, from_s: 0, to_s: 1, at_s: null });
-    this.element = h("div", {
-      class: "timeline-chart",
-      tabIndex: 0,
-      role: "slider",
-      "aria-valuemin": 0,
-      "aria-valuenow": 0,
-      "aria-label": label,
-    });
+    this.element = document.createElement("div");
+    const props = { class: "timeline-chart", tabindex: 0, role: "slider", "aria-valuemin": 0, "aria-label": label };
+    for (const [name, value] of Object.entries(props)) this.element.setAttribute(name, value);
     this.element.addEventListener("keydown", (event) => this.#key(event));
     this.scheme = matchMedia("(prefers-color-scheme: dark)");
     this.scheme.addEventListener("change", this.redraw);
@@ -323,12 +329,13 @@ const apart = ([one, two]) => Math.max(10, Math.abs(one - two));
 
 const faint = (colour, share) => `color-mix(in srgb, ${colour} ${share * 100}%, transparent)`;
 
-/** Times of this device's clock: with seconds where they differ, and the date where a day begins. */
-function timeLabels(_, times, __, ___, step_s) {
+/** Times of this device's clock: with seconds where they differ, and the date where a day begins; none is cut off. */
+function timeLabels(plot, times, __, ___, step_s) {
   const clock = { hour: "2-digit", minute: "2-digit", ...(step_s < 60 && { second: "2-digit" }) };
   return times.map((unix_s) => {
     const at = new Date(unix_s * 1000);
     const isDay = at.getHours() + at.getMinutes() + at.getSeconds() === 0;
+    if (plot.valToPos(unix_s, "x") > plot.over.clientWidth - LABEL_PX / 2) return "";
     return isDay ? at.toLocaleDateString([], { day: "numeric", month: "short" }) : at.toLocaleTimeString([], clock);
   });
 }

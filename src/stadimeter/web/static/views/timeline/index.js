@@ -1,11 +1,11 @@
 // The timeline: hours of distances, states of rules, events and clips; a click says what there is to know of a moment.
 
-import { button, h, replace, write } from "../../dom.js";
 import { latest } from "../../latest.js";
-import { describe } from "../replay.js";
-import { TimelineChart } from "./chart.js";
+import { Button, html, useEffect, useModel } from "../../ui.js";
+import { Moment } from "../replay.js";
+import { Chart, TimelineChart } from "./chart.js";
 import { dataOf, noteStates, readAt } from "./data.js";
-import { Teaching } from "./teaching.js";
+import { Judge, Teaching, WhatIf } from "./teaching.js";
 
 const SPANS = [
   [600, "10 min"],
@@ -29,76 +29,87 @@ const TOLD_BY = {
   timeline: "No recording holds this moment: this is what the timeline and the event log know.",
 };
 
-export function mount(root, context) {
-  const view = new Timeline(context);
-  replace(root, view.element);
-  view.begin();
-  const leave = context.live.subscribe((snapshot) => view.update(snapshot), { image: false });
-  return () => {
-    leave();
-    view.takeDown();
-  };
+export function View(context) {
+  const canOperate = context.session.right === "operate";
+  const timeline = useModel(Timeline, context);
+  const { chart, moment, read, unit } = timeline;
+  const teaching = useModel(Teaching, timeline);
+  useEffect(() => timeline.begin(canOperate ? teaching : null), []);
+  const toSpan = ([span_s, words]) => html`<${Button} key=${words} label=${`Show ${words}`}
+    aria-pressed=${String(timeline.shows(span_s))} onclick=${() => timeline.showLast(span_s)}>${words}<//>`;
+  const way = (sign, label, go) => html`<${Button} label=${label} onclick=${go}>${sign}<//>`;
+  const close = () => timeline.put({ moment: null });
+  return html`<div class="stack timeline">
+    <section class="panel stack of-run" aria-label="Timeline">
+      <div class="row"><h1 class="grow">Timeline</h1><div class="row">${SPANS.map(toSpan)}</div></div>
+      <${Chart} chart=${chart} />
+      <p class="small number read">${read}</p>
+      <div class="row">
+        ${way("−", "Zoom out", () => chart.zoom(2))}
+        ${way("+", "Zoom in", () => chart.zoom(0.5))}
+        ${way("◀", "Earlier", () => chart.scroll(-0.5))}
+        ${way("▶", "Later", () => chart.scroll(0.5))}
+        ${way("Now", "To now", () => timeline.showLast(chart.to_s - chart.from_s))}</div>
+    </section>
+    ${
+      moment &&
+      html`<section class="panel stack moment-told" aria-label="The moment">
+        <div class="row"><h2 class="grow">The moment</h2><${Button} onclick=${close}>Close<//></div>
+        ${canOperate && html`<${Judge} moment=${moment} teaching=${teaching} />`}
+        <${Explained} ...${moment} unit=${unit} /></section>`
+    }
+    ${canOperate && html`<${WhatIf} teaching=${teaching} />`}
+  </div>`;
+}
+
+function Explained({ told, failed, unit }) {
+  if (!told) return html`<p class="quiet">${failed ?? "One moment …"}</p>`;
+  return html`<p class="quiet small">${TOLD_BY[told.by]}${" "}
+      ${told.recording && html`<a href="#recordings">${told.recording}</a>`}</p>
+    <${Moment} ...${told} unit=${unit} measured="Measured, mean of that second" />`;
 }
 
 class Timeline {
+  read = "";
+  moment = null; // that is explained: `{unix_s, told}`
   #answer = null;
   #digest = null; // of the configuration that the run goes by
   #marks = { clips: [], thresholds: [] };
   #states = new Map(); // of the rules, since this view was opened
   #last_ms = 0;
 
-  constructor({ api, live, unit, say, session }) {
-    Object.assign(this, { api, live, unit, say, follows: true });
+  constructor(draw, { api, live, unit, say }) {
+    Object.assign(this, { draw, api, live, unit, say, follows: true });
     this.chart = new TimelineChart({
       unit,
       onview: (_, to_s) => this.#seen(to_s),
       onselect: (unix_s) => this.#explain(unix_s),
       onread: (unix_s) => this.#read(unix_s),
     });
-    this.read = h("p", { class: "small number read" });
-    this.moment = h("section", { class: "panel stack moment-told", "aria-label": "The moment", hidden: true });
-    const named = (words, label, onclick) => button(words, onclick, "", { "aria-label": label });
-    this.spans = SPANS.map(([span_s, words]) => named(words, `Show ${words}`, () => this.showLast(span_s)));
-    this.element = h(
-      "div",
-      { class: "stack timeline" },
-      h(
-        "section",
-        { class: "panel stack of-run", "aria-label": "Timeline" },
-        h("div", { class: "row" }, h("h1", { class: "grow" }, "Timeline"), this.spans),
-        this.chart.element,
-        this.read,
-        h(
-          "div",
-          { class: "row" },
-          named("−", "Zoom out", () => this.chart.zoom(2)),
-          named("+", "Zoom in", () => this.chart.zoom(0.5)),
-          named("◀", "Earlier", () => this.chart.scroll(-0.5)),
-          named("▶", "Later", () => this.chart.scroll(0.5)),
-          named("Now", "To now", () => this.showLast(this.chart.to_s - this.chart.from_s)),
-        ),
-      ),
-      this.moment,
-    );
-    this.teaching = session.right === "operate" ? new Teaching(this) : null;
-    if (this.teaching) this.element.append(this.teaching.element);
   }
 
-  /** Open with all that is kept, or less where the past is shorter than a day. */
-  async begin() {
+  put(changed) {
+    Object.assign(this, changed);
+    this.draw();
+  }
+
+  /** Open with all that is kept, or less where the past is shorter than a day; `teaching` hears of thresholds. */
+  begin(teaching) {
+    this.teaching = teaching;
     this.timer = setInterval(() => this.load(), RELOAD_MS);
-    await this.showLast(DAY_S);
-    const since_s = Date.now() / 1000 - beginOf(this.#answer ?? {});
-    const [span_s] = SPANS.find(([each]) => each >= since_s) ?? [DAY_S];
-    const isUntouched = this.follows && Math.abs(this.chart.to_s - this.chart.from_s - DAY_S) < 1;
-    if (span_s < DAY_S && isUntouched) this.showLast(span_s);
+    const leave = this.live.subscribe((snapshot) => this.#update(snapshot), { image: false });
+    this.showLast(DAY_S).then(() => {
+      const since_s = Date.now() / 1000 - beginOf(this.#answer ?? {});
+      const [span_s] = SPANS.find(([each]) => each >= since_s) ?? [DAY_S];
+      if (span_s < DAY_S && this.shows(DAY_S)) this.showLast(span_s);
+    });
+    return leave;
   }
 
-  takeDown() {
+  leave() {
     clearInterval(this.timer);
     clearTimeout(this.quiet);
     this.load.end();
-    this.chart.takeDown();
   }
 
   showLast(span_s) {
@@ -107,8 +118,13 @@ class Timeline {
     return this.#seen(now_s);
   }
 
+  /** Whether it follows what is live, with as much of the past. */
+  shows(span_s) {
+    return this.follows && Math.abs(this.chart.to_s - this.chart.from_s - span_s) < 0.01 * span_s;
+  }
+
   /** Live values go on at the right edge, which moves with them while it is in sight. */
-  update(snapshot) {
+  #update(snapshot) {
     if (performance.now() - this.#last_ms < FOLLOW_MS) return;
     this.#last_ms = performance.now();
     noteStates(this.#states, snapshot);
@@ -123,16 +139,14 @@ class Timeline {
   }
 
   #seen(to_s) {
-    this.follows = to_s >= Date.now() / 1000 - 2;
-    const span_s = this.chart.to_s - this.chart.from_s;
-    for (const [at, [each_s]] of SPANS.entries())
-      this.spans[at].setAttribute("aria-pressed", String(this.follows && Math.abs(span_s - each_s) < 0.01 * each_s));
+    this.put({ follows: to_s >= Date.now() / 1000 - 2 });
     return this.load();
   }
 
+  #shown = () => dataOf(this.#answer, this.live, this.#states);
+
   #draw() {
-    if (!this.#answer) return;
-    this.chart.setData({ ...dataOf(this.#answer, this.live, this.#states), clips: this.#marks.clips });
+    if (this.#answer) this.chart.setData({ ...this.#shown(), clips: this.#marks.clips });
   }
 
   /** Ask for what is in view, and something beside it. */
@@ -148,7 +162,7 @@ class Timeline {
     } catch (error) {
       if (!signal.aborted) this.say(error.message, "error");
     }
-    if (!this.#answer?.is_kept) write(this.read, NOT_KEPT);
+    if (!this.#answer?.is_kept) this.put({ read: NOT_KEPT });
     clearTimeout(this.quiet);
     if (!signal.aborted) this.quiet = setTimeout(() => this.loadMarks(), QUIET_MS);
   });
@@ -164,36 +178,18 @@ class Timeline {
   }
 
   #read(unix_s) {
-    if (unix_s === null) return this.read.textContent;
-    const words = this.#answer ? readAt(dataOf(this.#answer, this.live, this.#states), unix_s, this.unit) : "";
-    write(this.read, words);
-    return words;
+    if (unix_s !== null) this.put({ read: this.#answer ? readAt(this.#shown(), unix_s, this.unit) : "" });
+    return this.read;
   }
 
   async #explain(unix_s) {
-    const head = h(
-      "div",
-      { class: "row" },
-      h("h2", { class: "grow" }, "The moment"),
-      button("Close", () => (this.moment.hidden = true)),
+    const moment = { unix_s };
+    this.put({ moment });
+    const found = await this.api.get(`timeline/moment?at=${unix_s}`).then(
+      (told) => ({ told }),
+      (error) => ({ failed: error.message }),
     );
-    this.moment.hidden = false;
-    replace(this.moment, head, this.teaching?.buttons(unix_s), h("p", { class: "quiet" }, "One moment …"));
-    let known = {};
-    const told = await this.api.get(`timeline/moment?at=${unix_s}`).then(
-      (found) => [
-        h(
-          "p",
-          { class: "quiet small" },
-          TOLD_BY[found.by],
-          " ",
-          found.recording && h("a", { href: "#recordings" }, found.recording),
-        ),
-        describe((known = found), this.unit, "Measured, mean of that second"),
-      ],
-      (error) => h("p", null, error.message),
-    );
-    replace(this.moment, head, this.teaching?.buttons(unix_s, known), told);
+    if (this.moment === moment) this.put({ moment: { unix_s, ...found } });
   }
 }
 
