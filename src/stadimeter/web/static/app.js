@@ -6,7 +6,7 @@ import { old, UNITS } from "./format.js";
 import { Live } from "./live_stream.js";
 import { alarmsInWords, Others, OthersBar } from "./others.js";
 import { drawStop } from "./stop.js";
-import { Badge, Button, html, Icon, inCode, render } from "./ui.js";
+import { Badge, Button, html, Icon, inCode, render, Select } from "./ui.js";
 
 const VIEWS = {
   live: { name: "Live", isOfRun: true, load: () => import("./views/live/index.js") },
@@ -80,11 +80,11 @@ function drawTabs() {
 }
 
 function drawMenu() {
-  const choose = (event) => (localStorage.setItem("unit", event.target.value), open());
-  const unit = (symbol) => html`<option value=${symbol} selected=${symbol === chosenUnit().symbol}>${symbol}</option>`;
+  const choose = (symbol) => (localStorage.setItem("unit", symbol), open());
+  const units = Object.fromEntries(Object.keys(UNITS).map((symbol) => [symbol, symbol]));
   const menu = html`
     ${!canOperate() && html`<span class="small quiet">You are logged in to look, not to operate.</span>`}
-    <label class="small quiet">Lengths in<select onchange=${choose}>${Object.keys(UNITS).map(unit)}</select></label>
+    <label class="small quiet">Lengths in<${Select} options=${units} value=${chosenUnit().symbol} choose=${choose} /></label>
     ${session.needs_password && html`<${Button} kind="bare" onclick=${logOut}>Log out<//>`}`;
   render(menu, part("menu"));
 }
@@ -126,8 +126,8 @@ function banners(isLive) {
   const { mode, reason } = snapshot.safety;
   const { trouble, mounting } = snapshot.health;
   const safe = { stopped: "Every output is at its safe value", disarmed: "Every output is at its safe value" };
-  const act = { stopped: ["Release", () => letAct(RELEASE)], disarmed: ["Arm", () => letAct(ARM)] };
-  const confirm = mounting === "unconfirmed" && ["Confirm the mounting", () => letAct(CONFIRM)];
+  const act = { stopped: ["Release", () => letAct("release")], disarmed: ["Arm", () => letAct("arm")] };
+  const confirm = mounting === "unconfirmed" && ["Confirm the mounting", () => letAct("confirm-mounting")];
   return [
     mode !== "active" && {
       kind: mode === "stopped" || mode === "stale" ? "error" : "warning",
@@ -150,18 +150,17 @@ function markAge() {
   markAge.was = age !== null;
 }
 
-const RELEASE = { path: "outputs/release", title: "Release the outputs", action: "Release" };
-const ARM = { path: "outputs/arm", title: "Arm the run", action: "Arm" };
 const MOVES = "Outputs act at once, as the rules want them to: what moves may move off.";
-const CONFIRM = {
-  path: "outputs/confirm-mounting",
-  title: "Confirm the mounting of the camera",
-  action: "Confirm",
-  words: "Its present view is saved in place of the former one. Measure a distance by tape first.",
+const SAVES = "Its present view is saved in place of the former one. Measure a distance by tape first.";
+const ACTS = {
+  release: ["Release", "Release the outputs", MOVES],
+  arm: ["Arm", "Arm the run", MOVES],
+  "confirm-mounting": ["Confirm", "Confirm the mounting of the camera", SAVES],
 };
 
-async function letAct({ path, title, action, words = MOVES }) {
-  const send = ({ by, why }) => api.post(path, { by: by || undefined, why });
+async function letAct(op) {
+  const [action, title, words] = ACTS[op];
+  const send = ({ by, why }) => api.post(`outputs/${op}`, { by: by || undefined, why });
   const done = await ask({ title, words, fields: askedBy(), action, send });
   if (done) say(done.answer.words);
 }

@@ -2,11 +2,7 @@
 
 import { Button, html, useEffect, useRef, useState } from "./ui.js";
 
-const CHANNELS = [
-  ["Hue", 179],
-  ["Saturation", 255],
-  ["Value", 255],
-];
+const CHANNELS = { Hue: 179, Saturation: 255, Value: 255 }; // and the largest number of each
 const ONE_STEP_MS = 800; // arrow keys in quick succession are one step of undo
 const RANGE = /^[\d\s,]+:[\d\s,]+$/;
 
@@ -30,7 +26,7 @@ export function ColourSliders({ range, onrange, figures }) {
   useEffect(() => {
     if (RANGE.test(range) && range !== now) keep(range);
   }, [range]);
-  const numbers = now ? numbersOf(now) : CHANNELS.flatMap(() => [0, 0]);
+  const numbers = now ? numbersOf(now) : [0, 0, 0, 0, 0, 0];
 
   const change = (slider, value) => {
     const wanted = numbers.with(slider, value);
@@ -63,7 +59,7 @@ export function ColourSliders({ range, onrange, figures }) {
     <legend>${name}</legend>
     ${slider(2 * each, name, "from", max)}${slider(2 * each + 1, name, "to", max)}</fieldset>`;
   return html`<div class="stack colour-sliders" onkeydown=${keyed}>
-    ${CHANNELS.map(channel)}
+    ${Object.entries(CHANNELS).map(channel)}
     <p class="small quiet">${
       numbers[0] > numbers[1] && `Hues from ${numbers[0]} on, through red (0), to ${numbers[1]}.`
     }</p>

@@ -1,6 +1,6 @@
 // A question before something is done: a sentence, fields to fill in, and what the answer will do.
 
-import { Button, Field, html, render, useState } from "./ui.js";
+import { Button, Field, html, render, Select, useState } from "./ui.js";
 
 const LOST = "What you changed is lost if you leave. Leave once more to do so.";
 
@@ -43,7 +43,7 @@ export function openDialog({ label, kind = "", isChanged = null, onclose = () =>
 }
 
 /** Resolves to the values of the fields by name, or to null if it was left.
- *  A field is `{name, label, value, type, placeholder}`, or has `options: [[value, label], …]`.
+ *  A field is `{name, label, value, type, placeholder}`, or has `options: {value: label}`.
  *  With `send(values)`, which does it, it resolves to `{answer}`; where that fails, it says why, and what was typed
  *  stays. */
 export function ask(question) {
@@ -79,11 +79,10 @@ function Question({ title, words = "", fields = [], action, isDangerous = false,
   </form>`;
 }
 
-function Control({ label, options, value, ...props }) {
-  if (!options) return html`<input autocomplete="off" defaultValue=${value} ...${props} />`;
-  const option = ([each, words]) => html`<option value=${each} selected=${each === value}>${words}</option>`;
-  return html`<select ...${props}>${options.map(option)}</select>`;
-}
+const Control = ({ label, value, ...props }) =>
+  props.options
+    ? html`<${Select} value=${value} ...${props} />`
+    : html`<input autocomplete="off" defaultValue=${value} ...${props} />`;
 
 /** Who does something and why: both may be left empty. The name is remembered. */
 export function askedBy() {

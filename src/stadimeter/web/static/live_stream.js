@@ -9,6 +9,7 @@ const RETRY_MS = [300, 1000, 2000, 5000];
 const STALE_MS = 800;
 // A device that lost its power ends no connection; also without a run it says so every few seconds.
 const SILENT_MAX_MS = 20000;
+const SILENT = "Nothing comes from the device any more. Is it on, and this phone in its network?";
 
 /** `subscribe(fn(snapshot, bitmap|null), {image})` opens the stream and returns what ends it. A bitmap is good
  *  until the next call.
@@ -94,12 +95,7 @@ export class Live {
         this.#tell("lost", "The run has ended.");
       } catch (error) {
         if (stop.signal.aborted) return;
-        if (connection.signal.aborted)
-          this.#tell(
-            "lost",
-            "Nothing comes from the device any more. Is it on, and this phone in its network?",
-            "offline",
-          );
+        if (connection.signal.aborted) this.#tell("lost", SILENT, "offline");
         else this.#tell("lost", error.message, error.code);
       } finally {
         stop.signal.removeEventListener("abort", end);

@@ -60,13 +60,27 @@ export function useKept(key, otherwise) {
   return [localStorage.getItem(key) ?? otherwise, choose];
 }
 
-/** What a view holds and does: `new Kind(draw, ...given)`, made once. It calls `draw()` when it has changed, and
- *  `leave()` of it ends what it began. */
-export function useModel(Kind, ...given) {
+/** What a view holds and does. It has what it is given at first; `put(changed)` changes it, and draws the view anew. */
+export class Model {
+  constructor(given) {
+    Object.assign(this, given);
+  }
+
+  put(changed) {
+    Object.assign(this, changed);
+    this.draw();
+  }
+
+  /** End what it began. */
+  leave() {}
+}
+
+/** The model of a view, of a class of its own. */
+export function useModel(Kind, given) {
   const [, draw] = useReducer((count) => count + 1, 0);
   const kept = useRef(null);
-  kept.current ??= new Kind(draw, ...given);
-  useEffect(() => () => kept.current.leave?.(), []);
+  kept.current ??= new Kind({ draw, ...given });
+  useEffect(() => () => kept.current.leave(), []);
   return kept.current;
 }
 
@@ -104,6 +118,13 @@ export function Photo({ blob, ...rest }) {
     return () => URL.revokeObjectURL(image.current?.src ?? "");
   }, [blob]);
   return html`<img ref=${image} hidden=${!blob?.size} ...${rest} />`;
+}
+
+/** A choice of words by value: `options` is `{value: words}`. */
+export function Select({ options, value, choose, ...rest }) {
+  const option = ([each, words]) => html`<option value=${each} selected=${each === value}>${words}</option>`;
+  return html`<select onchange=${(event) => choose?.(event.target.value)} ...${rest}>
+    ${Object.entries(options).map(option)}</select>`;
 }
 
 /** A label above what it is of. */

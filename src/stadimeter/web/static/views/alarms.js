@@ -4,10 +4,13 @@ import * as format from "../format.js";
 import { latest } from "../latest.js";
 import { AllAlarms } from "../others.js";
 import { lookOf, stateInWords } from "../states.js";
-import { Badge, Button, html, useEffect, useReducer, useSnapshot, useState } from "../ui.js";
+import { Badge, Button, html, Select, useEffect, useReducer, useSnapshot, useState } from "../ui.js";
 import { Events, SEVERITIES } from "./live/events.js";
 import { Actions, act } from "./live/rules.js";
 
+const LEAST = Object.fromEntries(
+  SEVERITIES.map((each) => [each, each === "info" ? "everything" : `${each} and above`]),
+);
 const SLOW_MS = 500;
 const AGAIN_MS = 5000;
 const SLACK_S = 0.5;
@@ -42,9 +45,7 @@ export function View(context) {
     </section>
     <section class="panel">
       <div class="row head"><h2>History</h2><label class="row">Show
-        <select onchange=${(event) => choose(event.target.value)}>${SEVERITIES.map(
-          (each) => html`<option value=${each}>${each === "info" ? "everything" : `${each} and above`}</option>`,
-        )}</select></label></div>
+        <${Select} options=${LEAST} value=${least} choose=${choose} /></label></div>
       ${!events.length && html`<p class="quiet">${told.failed || "Nothing of this kind has happened yet."}</p>`}
       <${Events} events=${events} unit=${unit} clipOf=${clipOf} />
     </section>

@@ -4,6 +4,7 @@ import { ask } from "../dialog.js";
 import * as format from "../format.js";
 import { latest } from "../latest.js";
 import { Badge, Button, html, useEffect, useRef, useSnapshot, useState } from "../ui.js";
+import { Record } from "./live/picture.js";
 import { Replay } from "./replay.js";
 
 const CLIP_END_S = 2; // a clip is finished within a second or so after its end
@@ -12,48 +13,31 @@ export function View(context) {
   const { api, say, session } = context;
   const canOperate = session.right === "operate";
   const [told, load] = useRecordings(api);
-  const [shown, show] = useState(named(location.hash)); // `{name, at_s}`: what is replayed
-  const order = async (path, body) => {
-    try {
-      const { words, seconds } = await api.post(path, body);
-      if (words) say(words);
-      if (seconds) setTimeout(load, 1000 * (seconds + CLIP_END_S));
-    } catch (error) {
-      say(error.message, "error");
-    }
-    return load();
-  };
-  const remove = async ({ name }) => {
+  const [{ name, at_s }, show] = useState(named(location.hash)); // what is replayed
+  const remove = async (gone) => {
     const words = "It is gone for good. Download it first if you may need it.";
-    const send = () => api.del(`recordings/${encodeURIComponent(name)}`);
-    if (!(await ask({ title: `Delete ${name}?`, words, action: "Delete", isDangerous: true, send }))) return;
-    if (shown?.name === name) show(null);
-    say(`${name} is deleted.`);
+    const send = () => api.del(`recordings/${encodeURIComponent(gone)}`);
+    if (!(await ask({ title: `Delete ${gone}?`, words, action: "Delete", isDangerous: true, send }))) return;
+    if (gone === name) show({});
+    say(`${gone} is deleted.`);
     load();
   };
-  const replayed = canOperate && told.recordings?.find(({ name }) => name === shown?.name);
+  const replayed = canOperate && told.recordings?.find((each) => each.name === name);
   const row = (each) => html`<${Recording} key=${each.name} recording=${each} canOperate=${canOperate}
-    open=${() => show({ name: each.name, at_s: 0 })} remove=${() => remove(each)} />`;
+    open=${() => show({ name: each.name, at_s: 0 })} remove=${() => remove(each.name)} />`;
+  const { recordings, failed, folder, left_out } = told;
+  const none =
+    "There are none yet. A recording holds the pictures, what was measured in them, and what the rules decided.";
+  const left = left_out > 0 && `${left_out} older ones are not listed.`;
   return html`<div class="stack">
     <section class="panel stack of-run" aria-label="Record"><h1>Recordings</h1>
-      <${Orders} live=${context.live} load=${load} order=${canOperate && order} /></section>
-    ${
-      replayed &&
-      html`<${Replay} key=${`${shown.name} ${shown.at_s}`} ...${replayed} at_s=${shown.at_s}
-      ...${context} end=${() => show(null)} />`
-    }
+      <${Orders} load=${load} canOperate=${canOperate} ...${context} /></section>
+    ${replayed && html`<${Replay} key=${`${name} ${at_s}`} ...${replayed} at_s=${at_s} end=${() => show({})} ...${context} />`}
     <section class="panel" aria-label="List">
       <ul class="list recordings">
-        ${told.failed && html`<li>${told.failed}</li>`}
-        ${told.recordings?.map(row)}
-        ${
-          told.recordings?.length === 0 &&
-          html`<li>There are none yet. A recording holds the pictures, what was measured
-          in them, and what the rules decided.</li>`
-        }
-      </ul>
-      <p class="quiet small">${told.folder && `In ${told.folder}.`}
-        ${told.left_out > 0 && ` ${told.left_out} older ones are not listed.`}</p>
+        ${(failed || recordings?.length === 0) && html`<li>${failed || none}</li>`}
+        ${recordings?.map(row)}</ul>
+      <p class="quiet small">${[folder && canOperate && `In ${folder}.`, left].filter(Boolean).join(" ")}</p>
     </section>
   </div>`;
 }
@@ -76,33 +60,27 @@ function useRecordings(api) {
 /** The recording that the address names, and its moment: `#recordings/NAME/SECONDS`. */
 function named(hash) {
   const [, name, at_s] = hash.split("/");
-  return name ? { name: decodeURIComponent(name), at_s: Number(at_s) || 0 } : null;
+  return name ? { name: decodeURIComponent(name), at_s: Number(at_s) || 0 } : {};
 }
 
-function Orders({ live, load, order }) {
+function Orders({ live, api, say, load, canOperate }) {
   const recording = useSnapshot(live)?.recording;
   const isLive = live.state.status === "live";
   useEffect(() => void load(), [Boolean(recording)]);
-  const [isAsking, set] = useState(false);
-  const record = async () => {
-    set(true);
-    await order("recordings", { do: recording ? "stop" : "start" });
-    set(false);
-  };
-  const keep = () => order("recordings/clip", { by: localStorage.getItem("name") || undefined });
-  const words = !isLive
-    ? "There is no run to record now."
-    : recording
-      ? `Recording: ${format.span(recording.seconds)}, ${format.size(recording.bytes)}.`
-      : "A recording can be replayed here, and changed rules be tried on it.";
-  return html`<div class="row">
-    ${
-      order &&
-      html`<${Button} kind="primary" disabled=${isAsking || !isLive} onclick=${record}>
-        ${recording ? "Stop recording" : "Record"}<//>
-      <${Button} onclick=${keep}>Save clip<//>`
+  const keep = async () => {
+    try {
+      const { words, seconds } = await api.post("recordings/clip", { by: localStorage.getItem("name") || undefined });
+      say(words);
+      setTimeout(load, 1000 * (seconds + CLIP_END_S));
+    } catch (error) {
+      say(error.message, "error");
     }
-    <p class="grow">${words}</p></div>`;
+  };
+  const going = recording && `Recording: ${format.span(recording.seconds)}, ${format.size(recording.bytes)}.`;
+  const idle = isLive ? "A recording can be replayed here, and changed rules be tried on it." : "There is no run now.";
+  const acts = html`<${Record} disabled=${!isLive} recording=${recording} api=${api} say=${say} done=${load} />
+    <${Button} onclick=${keep}>Save clip<//>`;
+  return html`<div class="row">${canOperate && acts}<p class="grow">${(isLive && going) || idle}</p></div>`;
 }
 
 function Recording({ recording, canOperate, open, remove }) {

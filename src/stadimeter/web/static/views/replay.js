@@ -2,12 +2,12 @@
 
 import * as format from "../format.js";
 import { latest } from "../latest.js";
-import { Button, html, Photo, useEffect, useModel, useRef } from "../ui.js";
+import { Button, html, Model, Photo, useEffect, useModel, useRef } from "../ui.js";
 
 const STEP_S = 0.1;
 
 export function Replay({ name, seconds, at_s, api, unit, end }) {
-  const player = useModel(Player, api, name, seconds);
+  const player = useModel(Player, { api, name, seconds });
   const [root, slider] = [useRef(), useRef()];
   useEffect(() => {
     player.show(at_s);
@@ -30,15 +30,11 @@ export function Replay({ name, seconds, at_s, api, unit, end }) {
   </section>`;
 }
 
-class Player {
+class Player extends Model {
   at_s = 0;
   shown = null; // `{blob, values}`
   failed = "";
   #begun_ms = null; // of the playing that goes on
-
-  constructor(draw, api, name, seconds) {
-    Object.assign(this, { draw, api, seconds, path: `recordings/${encodeURIComponent(name)}/frame.jpg` });
-  }
 
   get isPlaying() {
     return this.#begun_ms !== null;
@@ -51,8 +47,7 @@ class Player {
 
   /** Show a moment; while one is on its way, only the newest wish is kept. */
   show(at_s) {
-    this.at_s = Math.min(this.seconds, Math.max(0, at_s));
-    this.draw();
+    this.put({ at_s: Math.min(this.seconds, Math.max(0, at_s)) });
     return this.#load(this.at_s);
   }
 
@@ -63,14 +58,13 @@ class Player {
 
   #load = latest(async (signal, at_s) => {
     try {
-      this.shown = await this.api.picture(`${this.path}?at_s=${at_s}`, { signal });
-      this.failed = "";
+      const path = `recordings/${encodeURIComponent(this.name)}/frame.jpg?at_s=${at_s}`;
+      this.put({ shown: await this.api.picture(path, { signal }), failed: "" });
     } catch (error) {
       if (signal.aborted) return;
-      this.failed = error.message;
       this.#begun_ms = null;
+      this.put({ failed: error.message });
     }
-    this.draw();
   });
 
   /** Play at the pace of the clock, as many pictures as come; or pause. */

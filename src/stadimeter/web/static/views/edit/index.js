@@ -3,7 +3,7 @@
 import { ask } from "../../dialog.js";
 import { Difference } from "../../difference.js";
 import { latest } from "../../latest.js";
-import { Button, html, useEffect, useModel, useState } from "../../ui.js";
+import { Button, html, Model, useEffect, useModel, useState } from "../../ui.js";
 import { Editor } from "./editor.js";
 import { Meaning } from "./problems.js";
 import { Conflict, Saved } from "./saving.js";
@@ -41,7 +41,7 @@ function Changes(texts) {
 }
 
 /** The text in the field, and `base`, which it began from. */
-class Desk {
+class Desk extends Model {
   text = "";
   base = { text: "", version: "" };
   path = "";
@@ -50,22 +50,14 @@ class Desk {
   below = null; // what is to be said or chosen after a save
   hand = {}; // of the field; see `Editor`
 
-  constructor(draw, { api, say, unit }) {
-    Object.assign(this, { draw, api, say, unit });
-    this.leaving = (event) => this.isChanged && event.preventDefault();
-    window.addEventListener("beforeunload", this.leaving);
-  }
-
   get isChanged() {
     return this.text !== this.base.text;
   }
 
-  put(changed) {
-    Object.assign(this, changed);
-    this.draw();
-  }
+  asks = (event) => this.isChanged && event.preventDefault(); // before the tab is left
 
   async load() {
+    window.addEventListener("beforeunload", this.asks);
     try {
       const { text, version, path, versions } = await this.api.get("configuration");
       const draft = keptDraft(path);
@@ -85,7 +77,7 @@ class Desk {
   leave() {
     clearTimeout(this.timer);
     this.check.end();
-    window.removeEventListener("beforeunload", this.leaving);
+    window.removeEventListener("beforeunload", this.asks);
   }
 
   changed = (text) => {

@@ -2,7 +2,7 @@
 
 import { words as inUnit, span } from "../../format.js";
 import { latest } from "../../latest.js";
-import { Button, html, useEffect, useModel, useRef } from "../../ui.js";
+import { Button, html, Model, Select, useEffect, useModel, useState } from "../../ui.js";
 import { Chart, TimelineChart } from "../timeline/chart.js";
 import { gridded, readAt } from "../timeline/data.js";
 
@@ -11,12 +11,13 @@ const STEPS = 800;
 
 /** `desk` is that of the view. */
 export function Trying({ desk }) {
-  const trial = useModel(Trial, desk);
-  const choice = useRef();
+  const trial = useModel(Trial, { desk });
+  const [chosen, choose] = useState();
   useEffect(() => void trial.load(), []);
   const { recordings, failed, words, answer, read } = trial;
   const isShown = trial.text === desk.text; // what another text would have done is shown no longer
-  const option = ({ name, seconds }) => html`<option value=${name}>${name} (${span(seconds)})</option>`;
+  const names = recordings?.map(({ name, seconds }) => [name, `${name} (${span(seconds)})`]) ?? [];
+  const ask = () => trial.ask(chosen ?? names[0][0]);
   return html`<section class="panel stack" aria-label="On a recording"><h2>On a recording</h2>
     <p class="quiet">The rules in the field, on what the camera saw then, beside what was decided then. Nothing moves.</p>
     ${failed && html`<p>${failed}</p>`}
@@ -25,9 +26,10 @@ export function Trying({ desk }) {
       html`<p>There is no recording yet: make one under <a href="#recordings">Recordings</a>.</p>`
     }
     ${
-      recordings?.length > 0 &&
-      html`<div class="row"><select aria-label="Recording" ref=${choice}>${recordings.map(option)}</select>
-      <${Button} disabled=${trial.isBusy} onclick=${() => trial.ask(choice.current.value)}>What would this have done?<//></div>`
+      names.length > 0 &&
+      html`<div class="row">
+        <${Select} aria-label="Recording" options=${Object.fromEntries(names)} value=${chosen} choose=${choose} />
+        <${Button} disabled=${trial.isBusy} onclick=${ask}>What would this have done?<//></div>`
     }
     <div class="stack" hidden=${!isShown}>
       <div class="stack" role="status">
@@ -58,24 +60,17 @@ function Changed({ change, by_s, at_s, kind, source, reason, unit }) {
     ${inUnit(reason, unit)}</li>`;
 }
 
-class Trial {
+class Trial extends Model {
   words = "";
   read = "";
-
-  constructor(draw, desk) {
-    Object.assign(this, { draw, desk });
-    const onread = (unix_s) => {
-      const read = unix_s === null ? "" : readAt(this.drawn, unix_s, desk.unit);
-      this.put({ read });
-      return read;
-    };
-    this.chart = new TimelineChart({ unit: desk.unit, label: "Both runs: arrow keys read them", onread });
-  }
-
-  put(changed) {
-    Object.assign(this, changed);
-    this.draw();
-  }
+  chart = new TimelineChart({
+    unit: this.desk.unit,
+    label: "Both runs: arrow keys read them",
+    onread: (unix_s) => {
+      this.put({ read: unix_s === null ? "" : readAt(this.drawn, unix_s, this.desk.unit) });
+      return this.read;
+    },
+  });
 
   leave() {
     this.ask.end();

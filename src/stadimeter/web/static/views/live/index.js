@@ -1,7 +1,7 @@
 // The live page: what the camera sees with its distance, what the rules do about it; the rest is folded until wanted.
 
 import * as format from "../../format.js";
-import { Fold, html, useEffect, useKept, useRef, useSnapshot, useState } from "../../ui.js";
+import { Fold, html, Select, useEffect, useKept, useRef, useSnapshot, useState } from "../../ui.js";
 import { Chart as Drawn, TimelineChart } from "../timeline/chart.js";
 import { dataOf, readAt } from "../timeline/data.js";
 import { Events, whatHappened } from "./events.js";
@@ -14,11 +14,7 @@ const EVENTS_MAX = 5;
 const CHART_EVERY_MS = 500;
 const CHART_PX = 120;
 const CHART_STEPS = 300;
-const WINDOWS = [
-  ["30", "30 s"],
-  ["60", "1 min"],
-  ["300", "5 min"],
-];
+const WINDOWS = { 30: "30 s", 60: "1 min", 300: "5 min" };
 const CHARTED = new Set(["raised", "cleared", "acknowledged", "reset", "fault", "target_lost"]);
 
 /** It draws nothing by itself when a snapshot comes: its parts do, each at its own pace. */
@@ -107,9 +103,7 @@ function Chart({ live, unit }) {
   }, [snapshot, span]);
   return html`<section class="panel chart">
     <div class="row head"><h2>Distance</h2><span class="small number read">${words}</span>
-      <select aria-label="How much of the past" onchange=${(event) => choose(event.target.value)}>
-        ${WINDOWS.map(([value, text]) => html`<option value=${value} selected=${value === span}>${text}</option>`)}
-      </select></div>
+      <${Select} aria-label="How much of the past" options=${WINDOWS} value=${span} choose=${choose} /></div>
     <${Drawn} chart=${chart.current} />
   </section>`;
 }

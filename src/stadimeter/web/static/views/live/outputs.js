@@ -4,12 +4,7 @@ import * as format from "../../format.js";
 import { HoldButton } from "../../hold_button.js";
 import { html, useRef, useState } from "../../ui.js";
 
-const MOVES = [
-  ["forwards", 1, 0],
-  ["backwards", -1, 0],
-  ["turn left", 0, 1],
-  ["turn right", 0, -1],
-];
+const MOVES = { forwards: [1, 0], backwards: [-1, 0], "turn left": [0, 1], "turn right": [0, -1] };
 const SLOW = { mps: 0.1, radps: 0.3 };
 
 export const Outputs = ({ outputs, ...context }) => html`<section class="panel outputs">
@@ -71,7 +66,7 @@ function Test({ name, kind, api }) {
     return html`<${HoldButton} key=${label} label=${label} title="Held only while you press" send=${send}
       release=${release} onWords=${say} />`;
   };
-  const move = ([label, along, round]) =>
+  const move = ([label, [along, round]]) =>
     held(label, () => ({ linear_mps: along * SLOW.mps, angular_radps: round * SLOW.radps }));
   return html`<details class="test">
     <summary>Test it</summary>
@@ -86,7 +81,7 @@ function Test({ name, kind, api }) {
         html`<input type="range" min="0" max="100" defaultValue="50" ref=${level}
         aria-label=${`${name}: level of the test, in per cent`} />`
       }
-      ${isLevel ? held("Hold to test", () => ({ level: level.current.value / 100 })) : MOVES.map(move)}
+      ${isLevel ? held("Hold to test", () => ({ level: level.current.value / 100 })) : Object.entries(MOVES).map(move)}
     </div>
     <p class="small" role="status">${said}</p>
   </details>`;

@@ -33,7 +33,7 @@ export function Tools({ snapshot, ...context }) {
     return html`<${Button} key=${name} onclick=${() => open(table)}>${words}<//>`;
   };
   return html`<div class="row">
-      ${canOperate && html`<${Record} recording=${snapshot.recording} ...${context} />`}
+      ${canOperate && html`<${Record} recording=${snapshot.recording} api=${context.api} say=${context.say} />`}
       ${colours.map(colour)}
       <label class="row check"><input type="checkbox" checked=${isWanted}
         onchange=${(event) => keep(event.target.checked ? "yes" : "no")} />Show what was refused</label>
@@ -111,7 +111,8 @@ function Refused({ found, unit }) {
   </ol>`;
 }
 
-function Record({ recording, api, say }) {
+/** Begins a recording, or ends the one that goes on. */
+export function Record({ recording, api, say, done = () => {}, ...rest }) {
   const press = async () => {
     const wish = recording ? "stop" : "start"; // the run may say that it has stopped before it answers
     try {
@@ -120,85 +121,78 @@ function Record({ recording, api, say }) {
     } catch (error) {
       say(error.message, "error");
     }
+    done();
   };
   const words = recording && `Stop recording, ${format.span(recording.seconds)}, ${format.size(recording.bytes)}`;
-  return html`<${Button} kind=${`record ${recording ? "is-on" : ""}`} onclick=${press}>${words || "Record"}<//>`;
+  return html`<${Button} kind=${`record ${recording ? "is-on" : ""}`} onclick=${press} ...${rest}>
+    ${words || "Record"}<//>`;
 }
 
 const numbered = ({ targets }) =>
   targets.flatMap(({ name, rejected }) => rejected.map((each) => ({ ...each, target: name }))).slice(0, REFUSED_MAX);
 
+/** All is drawn in the pixels of the page: the canvas may have more. */
 function drawAll(canvas, { snapshot, bitmap, withRefused }) {
   const sharp = window.devicePixelRatio || 1;
-  const width = Math.round(canvas.clientWidth * sharp);
-  if (!width || !bitmap?.width) return;
-  const scale = width / snapshot.frame.width_px;
-  const height = Math.round(snapshot.frame.height_px * scale);
+  const { clientWidth } = canvas;
+  if (!clientWidth || !bitmap?.width) return;
+  const scale = clientWidth / snapshot.frame.width_px;
+  const [width, height] = [clientWidth, snapshot.frame.height_px * scale].map((each) => Math.round(each * sharp));
   if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
   const ink = canvas.getContext("2d");
+  ink.setTransform(1, 0, 0, 1, 0, 0);
   ink.drawImage(bitmap, 0, 0, width, height);
-  ink.font = `600 ${15 * sharp}px system-ui, sans-serif`;
+  ink.scale(sharp, sharp);
+  ink.font = "600 15px system-ui, sans-serif";
   ink.lineJoin = "round";
-  if (withRefused) numbered(snapshot).forEach((each, at) => drawRefused(ink, each, at + 1, scale, sharp));
-  snapshot.targets.forEach((target, at) => {
-    if (target.detection && target.detection.status !== "not_found")
-      drawTarget(ink, target, SERIES[at % SERIES.length], scale, sharp);
-  });
+  if (withRefused) numbered(snapshot).forEach((each, at) => drawRefused(ink, each, at + 1, scale));
+  const seen = ({ detection }) => detection && detection.status !== "not_found";
+  snapshot.targets.forEach((each, at) => seen(each) && drawTarget(ink, each, SERIES[at % SERIES.length], scale));
 }
 
 /** Its outline and its centre, and its name: its distance stands in the corner. */
-function drawTarget(ink, { name, detection, is_valid }, colour, scale, sharp) {
-  const outline = detection.outline_px.map(([x, y]) => [(x + 0.5) * scale, (y + 0.5) * scale]);
+function drawTarget(ink, { name, detection, is_valid }, colour, scale) {
+  const outline = detection.outline_px.map((point) => point.map((each) => (each + 0.5) * scale));
   const [x, y] = detection.centre_px.map((each) => (each + 0.5) * scale);
-  const path = new Path2D();
-  outline.forEach(([px, py], at) => (at ? path.lineTo(px, py) : path.moveTo(px, py)));
-  if (outline.length) path.closePath();
-  for (const [dx, dy] of [
-    [7, 0],
-    [0, 7],
-  ]) {
-    path.moveTo(x - dx * sharp, y - dy * sharp);
-    path.lineTo(x + dx * sharp, y + dy * sharp);
-  }
-  rimmed(ink, path, colour, sharp, detection.status === "truncated");
-  const right = Math.max(x, ...outline.map(([px]) => px)) + 10 * sharp;
-  label(ink, is_valid ? name : `${name} not sure`, right, y, colour, sharp);
+  const path = through(outline);
+  path.addPath(new Path2D(`M${x - 7} ${y}H${x + 7}M${x} ${y - 7}V${y + 7}`));
+  rimmed(ink, path, colour, detection.status === "truncated");
+  const right = Math.max(x, ...outline.map(([px]) => px)) + 10;
+  label(ink, is_valid ? name : `${name} not sure`, right, y, colour);
 }
 
-function drawRefused(ink, { centre_px, corners_px, size_px }, number, scale, sharp) {
+function drawRefused(ink, { centre_px, corners_px, size_px }, number, scale) {
   const [x, y] = centre_px.map((each) => (each + 0.5) * scale);
-  const path = new Path2D();
-  if (corners_px?.length) {
-    corners_px.forEach(([px, py], at) => (at ? path.lineTo : path.moveTo).call(path, px * scale, py * scale));
-    path.closePath();
-  } else path.arc(x, y, Math.max(6 * sharp, (size_px / 2) * scale), 0, 2 * Math.PI);
-  rimmed(ink, path, "#fff", sharp, true);
-  label(ink, String(number), x + Math.max(8 * sharp, (size_px / 2) * scale + 4 * sharp), y, "#fff", sharp);
+  const path = through((corners_px ?? []).map((point) => point.map((each) => each * scale)));
+  if (!corners_px?.length) path.arc(x, y, Math.max(6, (size_px / 2) * scale), 0, 2 * Math.PI);
+  rimmed(ink, path, "#fff", true);
+  label(ink, String(number), x + Math.max(8, (size_px / 2) * scale + 4), y, "#fff");
 }
 
-function rimmed(ink, path, colour, sharp, isDashed) {
+const through = (points) => new Path2D(points.length ? `M${points.join("L")}Z` : "");
+
+function rimmed(ink, path, colour, isDashed) {
   ink.setLineDash([]);
   ink.strokeStyle = "rgb(0 0 0 / 0.75)";
-  ink.lineWidth = 5 * sharp;
+  ink.lineWidth = 5;
   ink.stroke(path);
-  ink.setLineDash(isDashed ? [7 * sharp, 5 * sharp] : []);
+  ink.setLineDash(isDashed ? [7, 5] : []);
   ink.strokeStyle = colour;
-  ink.lineWidth = 2.5 * sharp;
+  ink.lineWidth = 2.5;
   ink.stroke(path);
-  ink.setLineDash([]);
 }
 
 /** Words to the right of a place, kept within the picture. */
-function label(ink, words, x, y, colour, sharp) {
-  const width = ink.measureText(words).width + 12 * sharp;
-  const height = 24 * sharp;
-  const left = Math.max(2, Math.min(x, ink.canvas.width - width - 2));
-  const top = Math.max(2, Math.min(y - height / 2, ink.canvas.height - height - 2));
+function label(ink, words, x, y, colour) {
+  const [width, height] = [ink.measureText(words).width + 12, 24];
+  const { clientWidth, clientHeight } = ink.canvas;
+  const left = Math.max(2, Math.min(x, clientWidth - width - 2));
+  const top = Math.max(2, Math.min(y - height / 2, clientHeight - height - 2));
   ink.fillStyle = "rgb(0 0 0 / 0.72)";
   ink.beginPath();
-  ink.roundRect(left, top, width, height, 5 * sharp);
+  ink.roundRect(left, top, width, height, 5);
   ink.fill();
   ink.fillStyle = colour;
   ink.textBaseline = "middle";
-  ink.fillText(words, left + 6 * sharp, top + height / 2 + sharp);
+  ink.fillText(words, left + 6, top + height / 2 + 1);
 }

@@ -5,17 +5,14 @@ import * as format from "../../format.js";
 import { lookOf, stateInWords } from "../../states.js";
 import { Badge, Button, html, inCode } from "../../ui.js";
 
-const SPANS = [
-  ["300", "5 minutes"],
-  ["1800", "30 minutes"],
-  ["7200", "2 hours"],
-  ["28800", "8 hours"],
-  ["", "as long as the rule allows"],
-];
-const ONE_SHOT = [
-  ["", "no"],
-  ["yes", "when it has returned to normal"],
-];
+const SPANS = {
+  300: "5 minutes",
+  1800: "30 minutes",
+  7200: "2 hours",
+  28800: "8 hours",
+  "": "as long as the rule allows",
+};
+const ONE_SHOT = { "": "no", yes: "when it has returned to normal" };
 
 /** What an operator may do, with the words of its button and of its question. */
 const ACTIONS = {
@@ -25,15 +22,9 @@ const ACTIONS = {
   unshelve: ["Unshelve", "It acts again."],
   "take-out": ["Take out", "It drives nothing and notifies nobody until it is put back, also after a restart."],
   "put-back": ["Put back", "It acts again."],
-  observe: [
-    "Observe",
-    "It is judged and explained as before, but drives nothing and sends nothing, also after a restart.",
-  ],
+  observe: ["Observe", "It is judged as before, but drives nothing and sends nothing, also after a restart."],
   act: ["Act", "It drives its output and notifies again."],
-  "set-threshold": [
-    "Set threshold",
-    "It stays until it is withdrawn, also after a restart. The configuration is not changed.",
-  ],
+  "set-threshold": ["Set threshold", "It stays until it is withdrawn, also after a restart; the file is as before."],
   "withdraw-threshold": ["Withdraw threshold", "What was set is withdrawn: the configuration counts again."],
 };
 
@@ -99,7 +90,7 @@ async function thresholdFields(rule, api) {
   const found = Object.entries((await api.get("status")).rules.find((each) => each.rule === rule)?.thresholds ?? {});
   if (!found.length) throw new Error(`${rule} has no threshold that can be set.`);
   const [[, only]] = found;
-  const options = found.map(([key, threshold]) => [key, `${key}: ${inUnit(threshold)}`]);
+  const options = Object.fromEntries(found.map(([key, threshold]) => [key, `${key}: ${inUnit(threshold)}`]));
   const value = found.length > 1 ? "" : inUnit(only);
   return [
     found.length > 1 && { name: "key", label: "Which", options },

@@ -1,12 +1,12 @@
 // The camera: those that are there, with a picture of each; the one that is chosen is shown live, with its exposure.
 
-import { Button, html, Photo, useEffect, useModel, useRef } from "../../ui.js";
+import { Button, html, Model, Photo, useEffect, useModel, useRef } from "../../ui.js";
 import { Choices } from "./form.js";
 
 const SETTLED_MS = 500;
 
 export function Widget({ step }) {
-  const cameras = useModel(Cameras, step);
+  const cameras = useModel(Cameras, { step, api: step.api });
   const exposure = useRef();
   useEffect(() => cameras.lookThroughAll(), []);
   useEffect(() => cameras.choose(step.answer), [step.answer]);
@@ -34,17 +34,13 @@ export function Widget({ step }) {
 }
 
 /** Looks through cameras, one at a time. */
-class Cameras {
+class Cameras extends Model {
   looks = new Map(); // what each sees, by its answer: `{blob, size}`, or `{failed}`
   told = null; // of the camera that is chosen: blur, clipping, and its exposure, which may be locked
   #turn = Promise.resolve();
   #chosen = "";
   #timer = 0;
   #isOver = false;
-
-  constructor(draw, step) {
-    Object.assign(this, { draw, step, api: step.api });
-  }
 
   leave() {
     this.#isOver = true;
@@ -56,8 +52,7 @@ class Cameras {
     for (const { answer } of this.step.question.options)
       this.#inTurn(async () => {
         const look = await this.#look(answer).catch((error) => ({ failed: error.message }));
-        this.looks.set(answer, look);
-        this.draw();
+        this.put({ looks: this.looks.set(answer, look) });
       });
   }
 
@@ -72,7 +67,7 @@ class Cameras {
     clearTimeout(this.#timer);
     if (answer === this.#chosen) return; // it was looked through just now
     this.#chosen = answer;
-    this.#tell(null); // what was said of the former one
+    this.put({ told: null }); // what was said of the former one
     if (answer) this.#timer = setTimeout(() => this.lookThrough(answer), SETTLED_MS);
   }
 
@@ -84,16 +79,11 @@ class Cameras {
         const told = await this.api.post("setup/camera", { camera: answer, ...exposure });
         if (isOld()) return;
         if (exposure) this.step.set((this.#chosen = told.answer));
-        this.#tell(told);
+        this.put({ told });
       } catch (error) {
         if (!isOld() && (exposure || !this.looks.has(answer))) this.step.say(error.message);
       }
     });
-  }
-
-  #tell(told) {
-    this.told = told;
-    this.draw();
   }
 
   #inTurn(work) {

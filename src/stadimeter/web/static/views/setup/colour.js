@@ -2,7 +2,7 @@
 
 import { ColourSliders } from "../../colour_sliders.js";
 import { latest } from "../../latest.js";
-import { Button, html, useEffect, useModel } from "../../ui.js";
+import { Button, html, Model, useEffect, useModel } from "../../ui.js";
 
 const MARKED_MS = 1200; // the ball may move on
 const HOW =
@@ -12,7 +12,7 @@ const HOW =
 export const draw = "mask";
 
 export function Widget({ step }) {
-  const colour = useModel(Colour, step);
+  const colour = useModel(Colour, { step });
   useEffect(() => colour.begin(), []);
   const { answer, figures } = colour;
   const {
@@ -34,14 +34,10 @@ export function Widget({ step }) {
     <${ColourSliders} range=${step.answer} figures=${figures} onrange=${(chosen) => colour.choose(chosen)} /></div>`;
 }
 
-class Colour {
+class Colour extends Model {
   answer = {}; // the newest: `{range, words, found, others, pictures}`
   figures = null; // of the newest picture
   #clicks = [];
-
-  constructor(draw, step) {
-    Object.assign(this, { draw, step });
-  }
 
   /** Take the picture for clicks, and try the range that is ready. */
   begin() {
@@ -49,11 +45,7 @@ class Colour {
       this.#clicks.push({ x_px, y_px });
       this.ask({ clicks: [[x_px, y_px]], of: "newest" });
     };
-    const onValues = ({ range }) => {
-      this.figures = range;
-      this.draw();
-    };
-    this.places = { onPlace, onValues };
+    this.places = { onPlace, onValues: ({ range }) => this.put({ figures: range }) };
     this.#mark();
     const { ready } = this.step.question;
     this.ask(ready ? { range: ready } : {}, true);
@@ -73,7 +65,7 @@ class Colour {
   /** Ask one after the other; of several that wait, the newest. */
   ask = latest(async (signal, args, isQuiet = false) => {
     const { step } = this;
-    step.wait(true);
+    step.put({ isWaiting: true });
     try {
       this.answer = await step.api.post("setup/colour", args);
       if (signal.aborted) return;
@@ -84,7 +76,7 @@ class Colour {
       if (args.range) this.answer = { pictures: this.answer.pictures, words: "" }; // it was about the former one
       if (!isQuiet) step.say(error.message);
     }
-    step.wait(false);
+    step.put({ isWaiting: false });
     this.#mark();
   });
 

@@ -1,13 +1,12 @@
 // A question as a form: what was found, what its kind needs, the answer as text, and the way on and back.
 
-import { Button, Field, html, inCode, useModel, useRef } from "../../ui.js";
+import { Button, Field, html, inCode, Model, useModel, useRef } from "../../ui.js";
 
 /** The form of the question that is asked. A kind of question has a `Widget` of its `step`, which stands above the answer
  *  as text, and `wayOf(step)`: `{goes, busy, Below}`, the words of the way on, and what stands below it. */
 export function Form({ setup, kind: { Widget = Choices, draw, wayOf = () => ({}) } }) {
-  const step = useModel(Step, setup);
-  const { question } = step;
-  const { doubt, answers } = setup.state;
+  const { question, doubt, answers } = setup.state;
+  const step = useModel(Step, { setup, api: setup.api, question, answer: question.ready });
   const { goes = "Go on", busy = "One moment …", Below } = wayOf(step);
   const isInWords = Widget === Choices && !question.options.length;
   const submit = (event) => (event.preventDefault(), step.send());
@@ -50,16 +49,11 @@ function Found({ line }) {
 }
 
 /** The answer as it is now, and what became of it. */
-class Step {
+class Step extends Model {
   error = "";
   isSending = false;
   isWaiting = false; // a widget is
   blanks = {}; // of options that leave something open: what was typed, by key
-
-  constructor(draw, setup) {
-    const { question } = setup.state;
-    Object.assign(this, { draw, setup, api: setup.api, question, answer: question.ready });
-  }
 
   get isDoubted() {
     return Boolean(this.setup.state.doubt) && this.answer === this.question.ready;
@@ -75,26 +69,17 @@ class Step {
     return this.question.key === "recipe";
   }
 
-  #put(changed) {
-    Object.assign(this, changed);
-    this.draw();
-  }
-
   set(answer) {
-    if (answer !== this.answer) this.#put({ answer, error: "" });
+    if (answer !== this.answer) this.put({ answer, error: "" });
   }
 
   say(words) {
-    this.#put({ error: words && words[0].toUpperCase() + words.slice(1) });
-  }
-
-  wait(isWaiting) {
-    this.#put({ isWaiting });
+    this.put({ error: words && words[0].toUpperCase() + words.slice(1) });
   }
 
   async send(answer = this.answer) {
     if (this.isSending) return;
-    this.#put({ answer, error: "", isSending: true });
+    this.put({ answer, error: "", isSending: true });
     const blanks = this.chosen.flatMap((each) => each.blanks);
     try {
       await this.setup.answer(
@@ -104,7 +89,7 @@ class Step {
     } catch (error) {
       this.say(error.message);
     }
-    this.#put({ isSending: false });
+    this.put({ isSending: false });
   }
 }
 

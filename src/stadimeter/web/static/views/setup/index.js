@@ -1,7 +1,7 @@
 // Set-up: one question at a time, with the picture beside it. The questions are those of `stadimeter init`.
 
 import { ask } from "../../dialog.js";
-import { Button, html, inCode, useEffect, useModel, useRef, useState } from "../../ui.js";
+import { Button, html, inCode, Model, useEffect, useModel, useRef, useState } from "../../ui.js";
 import { Room } from "../live/room.js";
 import { Form } from "./form.js";
 import { Picture } from "./picture.js";
@@ -19,7 +19,7 @@ const KINDS = {
 const nameOf = ({ done, question }) => (done ? "done" : question.kind || question.key);
 
 export function View(context) {
-  const setup = useModel(SetUp, context);
+  const setup = useModel(SetUp, { context, api: context.api, unit: context.unit });
   const root = useRef();
   useEffect(() => void setup.open(), []);
   useEffect(() => {
@@ -47,7 +47,8 @@ export function View(context) {
     }
     <div class="setup-ask" key=${number}>
       ${state.done ? html`<${Save} setup=${setup} />` : html`<${Form} setup=${setup} kind=${kind} />`}</div>
-    ${hasCamera && html`<p class="setup-end"><${Button} kind="bare" onclick=${() => setup.beginAnew()}>Begin anew<//></p>`}
+    <p class="row small setup-end"><a href="#certificate">Certificate of the site</a>
+      ${hasCamera && html`<${Button} kind="bare" onclick=${() => setup.beginAnew()}>Begin anew<//>`}</p>
   </div>`;
 }
 
@@ -78,7 +79,7 @@ function Ball({ room, api, ...context }) {
   return html`<div class="setup-room"><${Room} world=${world} send=${send} ...${context} /></div>`;
 }
 
-class SetUp {
+class SetUp extends Model {
   state = null; // as the server has it
   failed = null; // why there is none: `{error, again}`
   kind = {}; // of the question: the module of its form
@@ -91,16 +92,7 @@ class SetUp {
   #isOver = false;
   #more = {}; // what was given for blanks whose turn has not come: one before them may be in doubt
 
-  constructor(draw, context) {
-    Object.assign(this, { draw, context, api: context.api, unit: context.unit });
-    this.isBack = () => document.hidden || !this.state || this.sync().catch(() => {});
-    document.addEventListener("visibilitychange", this.isBack);
-  }
-
-  put(changed) {
-    Object.assign(this, changed);
-    this.draw();
-  }
+  isBack = () => document.hidden || !this.state || this.sync().catch(() => {});
 
   leave() {
     this.#isOver = true;
@@ -109,6 +101,7 @@ class SetUp {
 
   /** Begin, or go on where it was left: here, or on another device. */
   async open(anew = false) {
+    document.addEventListener("visibilitychange", this.isBack);
     this.put({ failed: null });
     try {
       const state = await this.api.get("setup");

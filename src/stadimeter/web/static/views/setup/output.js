@@ -2,15 +2,10 @@
 
 import { HoldButton } from "../../hold_button.js";
 import { latest } from "../../latest.js";
-import { Field, html, Photo, useEffect, useRef, useSnapshot, useState } from "../../ui.js";
+import { Field, html, Photo, Select, useEffect, useRef, useSnapshot, useState } from "../../ui.js";
 import { Choices } from "./form.js";
 
-const PARTS = [
-  ["buzzer", "Buzzer"],
-  ["vibration-motor", "Vibration motor"],
-  ["led", "LED"],
-  ["relay", "Relay"],
-];
+const PARTS = { buzzer: "Buzzer", "vibration-motor": "Vibration motor", led: "LED", relay: "Relay" };
 const ON_PIN = /^([\w-]+) (\d+)$/;
 
 export function Widget({ step }) {
@@ -39,25 +34,19 @@ export function Widget({ step }) {
   }, [answer]);
   useEffect(() => () => ask.current.end(), []);
   const { warning } = pins.find((each) => String(each.gpio) === gpio) ?? {};
-  const part = ([value, name]) => html`<option value=${value} selected=${value === driver}>${name}</option>`;
   const pin = ({ number, gpio: each, taken_by, warning: danger }) => {
     const note = taken_by.length ? `, taken by ${taken_by.join(", ")}` : danger ? `, used for ${danger}` : "";
-    return html`<option value=${each} selected=${String(each) === gpio}>GPIO ${each}, pin ${number}${note}</option>`;
+    return [each, `GPIO ${each}, pin ${number}${note}`];
   };
-  const choose = (to) => (event) => step.set(to(event.target.value));
-  return html`<div class="stack"><${Choices} step=${step} />
-    ${
-      driver &&
-      html`<div class="stack">
-      <${Field} label="What is wired">
-        <select onchange=${choose((value) => `${value} ${gpio}`)}>${PARTS.map(part)}</select><//>
-      <${Field} label="The pin of its signal">
-        <select onchange=${choose((value) => `${driver} ${value}`)}>${pins.map(pin)}</select><//>
-      <p class=${`small ${warning && !failed ? "is-warning" : ""}`} role="status">
-        ${failed || (warning && `Careful: it is used for ${warning}.`)}</p></div>`
-    }
-    <${Held} ...${setup.context} />
-  </div>`;
+  const onPin = html`<div class="stack">
+    <${Field} label="What is wired">
+      <${Select} options=${PARTS} value=${driver} choose=${(other) => step.set(`${other} ${gpio}`)} /><//>
+    <${Field} label="The pin of its signal">
+      <${Select} options=${Object.fromEntries(pins.map(pin))} value=${gpio}
+        choose=${(other) => step.set(`${driver} ${other}`)} /><//>
+    <p class=${`small ${warning && !failed ? "is-warning" : ""}`} role="status">
+      ${failed || (warning && `Careful: it is used for ${warning}.`)}</p></div>`;
+  return html`<div class="stack"><${Choices} step=${step} />${driver && onPin}<${Held} ...${setup.context} /></div>`;
 }
 
 function Circuit({ blob, output, notes }) {

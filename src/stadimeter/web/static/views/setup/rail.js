@@ -27,8 +27,7 @@ export function Rail({ setup }) {
       ${mine.map((each) => html`<${Given} key=${each.key} name=${each.key} ...${each} />`)}
     </li>`;
   };
-  return html`<nav class="setup-rail" aria-label="Steps of the set-up"><ol>${STAGES.map(stage)}</ol>
-    <p class="small"><a href="#certificate">Certificate of the site</a></p></nav>`;
+  return html`<nav class="setup-rail" aria-label="Steps of the set-up"><ol>${STAGES.map(stage)}</ol></nav>`;
 }
 
 const Given = ({ name, answer, goBack }) => html`<button type="button" class="setup-given" title=${answer}

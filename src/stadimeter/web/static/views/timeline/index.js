@@ -1,19 +1,13 @@
 // The timeline: hours of distances, states of rules, events and clips; a click says what there is to know of a moment.
 
 import { latest } from "../../latest.js";
-import { Button, html, useEffect, useModel } from "../../ui.js";
+import { Button, html, Model, useEffect, useModel } from "../../ui.js";
 import { Moment } from "../replay.js";
 import { Chart, TimelineChart } from "./chart.js";
 import { dataOf, noteStates, readAt } from "./data.js";
 import { Judge, Teaching, WhatIf } from "./teaching.js";
 
-const SPANS = [
-  [600, "10 min"],
-  [3600, "1 h"],
-  [21600, "6 h"],
-  [86400, "24 h"],
-  [604800, "7 days"],
-];
+const SPANS = { 600: "10 min", 3600: "1 h", 21600: "6 h", 86400: "24 h", 604800: "7 days" };
 const DAY_S = 86400;
 const POINTS_MAX = 1600;
 const MARGIN = 0.5; // as much of the view is loaded beside it, so that scrolling shows something at once
@@ -33,15 +27,15 @@ export function View(context) {
   const canOperate = context.session.right === "operate";
   const timeline = useModel(Timeline, context);
   const { chart, moment, read, unit } = timeline;
-  const teaching = useModel(Teaching, timeline);
+  const teaching = useModel(Teaching, { view: timeline });
   useEffect(() => timeline.begin(canOperate ? teaching : null), []);
   const toSpan = ([span_s, words]) => html`<${Button} key=${words} label=${`Show ${words}`}
-    aria-pressed=${String(timeline.shows(span_s))} onclick=${() => timeline.showLast(span_s)}>${words}<//>`;
+    aria-pressed=${String(timeline.shows(Number(span_s)))} onclick=${() => timeline.showLast(Number(span_s))}>${words}<//>`;
   const way = (sign, label, go) => html`<${Button} label=${label} onclick=${go}>${sign}<//>`;
   const close = () => timeline.put({ moment: null });
   return html`<div class="stack timeline">
     <section class="panel stack of-run" aria-label="Timeline">
-      <div class="row"><h1 class="grow">Timeline</h1><div class="row">${SPANS.map(toSpan)}</div></div>
+      <div class="row"><h1 class="grow">Timeline</h1><div class="row">${Object.entries(SPANS).map(toSpan)}</div></div>
       <${Chart} chart=${chart} />
       <p class="small number read">${read}</p>
       <div class="row">
@@ -69,7 +63,8 @@ function Explained({ told, failed, unit }) {
     <${Moment} ...${told} unit=${unit} measured="Measured, mean of that second" />`;
 }
 
-class Timeline {
+class Timeline extends Model {
+  follows = true;
   read = "";
   moment = null; // that is explained: `{unix_s, told}`
   #answer = null;
@@ -77,21 +72,12 @@ class Timeline {
   #marks = { clips: [], thresholds: [] };
   #states = new Map(); // of the rules, since this view was opened
   #last_ms = 0;
-
-  constructor(draw, { api, live, unit, say }) {
-    Object.assign(this, { draw, api, live, unit, say, follows: true });
-    this.chart = new TimelineChart({
-      unit,
-      onview: (_, to_s) => this.#seen(to_s),
-      onselect: (unix_s) => this.#explain(unix_s),
-      onread: (unix_s) => this.#read(unix_s),
-    });
-  }
-
-  put(changed) {
-    Object.assign(this, changed);
-    this.draw();
-  }
+  chart = new TimelineChart({
+    unit: this.unit,
+    onview: (_, to_s) => this.#seen(to_s),
+    onselect: (unix_s) => this.#explain(unix_s),
+    onread: (unix_s) => this.#read(unix_s),
+  });
 
   /** Open with all that is kept, or less where the past is shorter than a day; `teaching` hears of thresholds. */
   begin(teaching) {
@@ -100,7 +86,10 @@ class Timeline {
     const leave = this.live.subscribe((snapshot) => this.#update(snapshot), { image: false });
     this.showLast(DAY_S).then(() => {
       const since_s = Date.now() / 1000 - beginOf(this.#answer ?? {});
-      const [span_s] = SPANS.find(([each]) => each >= since_s) ?? [DAY_S];
+      const span_s =
+        Object.keys(SPANS)
+          .map(Number)
+          .find((each) => each >= since_s) ?? DAY_S;
       if (span_s < DAY_S && this.shows(DAY_S)) this.showLast(span_s);
     });
     return leave;

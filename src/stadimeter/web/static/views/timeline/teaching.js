@@ -1,7 +1,7 @@
 // An alarm that fired wrongly, mended on its chart: drag its threshold, or mark what it should have done; then save it.
 
 import { latest } from "../../latest.js";
-import { Button, html, useRef } from "../../ui.js";
+import { Button, html, Model, Select, useRef } from "../../ui.js";
 import { Saved } from "../edit/saving.js";
 
 const NEAR_PX = 8; // a pointer this near to a threshold drags it
@@ -19,11 +19,11 @@ export const Judge = ({ moment, teaching }) => html`<div class="row">
 export function WhatIf({ teaching }) {
   const { rules, rule, marks, words, settings, saved, view } = teaching;
   if (!rules.length) return null;
-  const option = (each) => html`<option value=${each} selected=${each === rule}>${each}</option>`;
+  const names = Object.fromEntries(rules.map((each) => [each, each]));
   const anew = () => teaching.use(rule);
   return html`<section class="panel stack of-run" aria-label="What if">
     <div class="row"><h2 class="grow">What if</h2>
-      <select aria-label="Rule" onchange=${(event) => teaching.use(event.target.value)}>${rules.map(option)}</select>
+      <${Select} aria-label="Rule" options=${names} value=${rule} choose=${(each) => teaching.use(each)} />
       <${Button} onclick=${anew}>Try other settings<//></div>
     <p class="quiet">${HOW}</p>
     <div class="row">
@@ -60,7 +60,7 @@ function Setting({ name, teaching }) {
 }
 
 /** `view` is the timeline: its `api`, `unit`, `say`, `chart`, and `loadMarks()` for thresholds anew. */
-export class Teaching {
+export class Teaching extends Model {
   rules = [];
   rule = "";
   words = "";
@@ -73,16 +73,16 @@ export class Teaching {
   #recordings = []; // that the last answer knows
   #held = null; // the threshold that is dragged
 
-  constructor(draw, view) {
-    Object.assign(this, { draw, view });
+  constructor(given) {
+    super(given);
+    const { view } = given;
     for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel"])
       view.chart.element.addEventListener(kind, (event) => this.#drag(event), { capture: true });
     view.chart.overlays.add((pen) => this.#draw(pen));
   }
 
   put(changed) {
-    Object.assign(this, changed);
-    this.draw();
+    super.put(changed);
     this.view.chart.redraw();
   }
 
