@@ -64,11 +64,12 @@ export function AllAlarms({ others, rules }) {
   const ours = { url: "", name: "this camera", state: "live", age_s: 0, alarms: rules };
   const all = [ours, ...others].flatMap((camera) => camera.alarms.filter(stands).map((each) => ({ ...each, camera })));
   all.sort((a, b) => (b.raised_unix_s ?? 0) - (a.raised_unix_s ?? 0));
-  return html`<ul class="list small">${all.map(({ camera, ...alarm }) => {
-    const since = [alarm.raised_unix_s && moment(alarm.raised_unix_s), ageOf(camera)].filter(Boolean).join(", ");
-    const kind = lookOf({ ...alarm, is_alarm: true });
-    return html`<li key=${`${camera.url} ${alarm.rule}`} class=${`row ${camera.state === "live" ? "" : "is-unknown"}`}>
+  return html`<section class="panel" aria-label="On all cameras"><h2>On all cameras</h2>
+    <ul class="list small">${all.map(({ camera, ...alarm }) => {
+      const since = [alarm.raised_unix_s && moment(alarm.raised_unix_s), ageOf(camera)].filter(Boolean).join(", ");
+      const kind = lookOf({ ...alarm, is_alarm: true });
+      return html`<li key=${`${camera.url} ${alarm.rule}`} class=${`row ${camera.state === "live" ? "" : "is-unknown"}`}>
       <a href=${`${camera.url}/#alarms`}>${camera.name}</a><b>${alarm.rule}</b>
       <${Badge} kind=${kind}>${stateInWords(alarm)}<//><span class="small quiet">${since}</span></li>`;
-  })}</ul>`;
+    })}</ul></section>`;
 }

@@ -29,11 +29,7 @@ export function View(context) {
   );
   const isSeen = session.right !== "operate" || alarms.every(({ acknowledged }) => acknowledged);
   return html`<div class="stack">
-    ${
-      session.has_others &&
-      html`<section class="panel" aria-label="On all cameras"><h2>On all cameras</h2>
-      <${AllAlarms} others=${others.list} rules=${alarms} /></section>`
-    }
+    ${session.has_others && html`<${AllAlarms} others=${others.list} rules=${alarms} />`}
     <section class="panel">
       <div class="row head"><h1>Alarms</h1>
         ${!isSeen && html`<${Button} kind="primary" onclick=${() => act("ack", null, context)}>Acknowledge all<//>`}</div>

@@ -36,6 +36,7 @@ export function View({ api, say }) {
 function Form({ left_m, remark, placements, take, finish }) {
   const [distance, sigma] = [useRef(), useRef()];
   const read = () => take({ distance: distance.current.value, sigma: sigma.current.value });
+  const isEnough = placements.filter(({ is_read }) => is_read).length > 2;
   return html`<p>${HOW}</p>
     ${remark && html`<p>${remark}</p>`}
     <div class="row">
@@ -43,10 +44,7 @@ function Form({ left_m, remark, placements, take, finish }) {
       <${Field} label="Known to ±"><input ref=${sigma} defaultValue="2 mm" /><//></div>
     <div class="row"><${Button} onclick=${read}>Measure<//></div>
     <${List} sentences=${placements.map(({ words }) => words)} />
-    ${
-      placements.filter(({ is_read }) => is_read).length > 2 &&
-      html`<div class="row"><${Button} onclick=${finish}>Write the certificate<//></div>`
-    }`;
+    <div class="row">${isEnough && html`<${Button} onclick=${finish}>Write the certificate<//>`}</div>`;
 }
 
 const List = ({ sentences }) => html`<ul class="list">${sentences.map((each) => html`<li>${each}</li>`)}</ul>`;

@@ -95,20 +95,15 @@ function Recording({ recording, canOperate, open, remove }) {
   ];
   const path = `/api/v1/recordings/${encodeURIComponent(name)}`;
   const canReplay = seconds > 0 && kind === "recording";
+  const acts = html`<div class="row">
+    ${canReplay && html`<${Button} label=${`Replay ${name}`} onclick=${open}>Replay<//>`}
+    <a class="button" href=${path} download=${name} aria-label=${`Download ${name}`} hidden=${is_growing}>Download</a>
+    ${!is_growing && html`<${Button} label=${`Delete ${name}`} onclick=${remove}>Delete<//>`}</div>`;
   return html`<li>
     <div class="row"><div class="grow"><strong>${name}</strong>
         ${is_growing && html` <${Badge} kind="alarm">recording<//>`}
         <p class="quiet">${facts.filter(Boolean).join(" · ")}</p></div>
-      ${
-        canOperate &&
-        html`<div class="row">
-        ${canReplay && html`<${Button} label=${`Replay ${name}`} onclick=${open}>Replay<//>`}
-        ${
-          !is_growing &&
-          html`<a class="button" href=${path} download=${name} aria-label=${`Download ${name}`}>Download</a>
-          <${Button} label=${`Delete ${name}`} onclick=${remove}>Delete<//>`
-        }</div>`
-      }</div>
+      ${canOperate && acts}</div>
     ${damage && html`<p class="damaged">▲ Damaged: ${damage}</p>`}
   </li>`;
 }

@@ -12,12 +12,8 @@ function Problem({ message, hint, line, column, severity, file, isElsewhere, goT
   const where = [isElsewhere && file.split("/").at(-1), line && `line ${line}`].filter(Boolean).join(", ");
   const words = html`<span class="sign" aria-hidden="true">${SIGNS[severity]}</span>
     <span class="sr">${severity}:${" "}</span>${where && html`<strong>${where}:${" "}</strong>`}${inCode(message)}`;
-  return html`
-    ${
-      line && !isElsewhere
-        ? html`<button type="button" class="to-line" onclick=${() => goTo(line, column)}>${words}</button>`
-        : html`<p>${words}</p>`
-    }
+  const toLine = html`<button type="button" class="to-line" onclick=${() => goTo(line, column)}>${words}</button>`;
+  return html`${line && !isElsewhere ? toLine : html`<p>${words}</p>`}
     ${hint && html`<p class="hint">${inCode(hint)}</p>`}`;
 }
 

@@ -29,13 +29,11 @@ export function Saved({ needs, api, say }) {
     }
   };
   if (isOver) return null;
+  const acts = html`<div class="row"><${Button} kind="primary" onclick=${apply}>${words}<//>
+    <${Button} onclick=${() => end(true)}>Not now<//></div>`;
   return html`<section class="panel stack" aria-label="Saved">
     <p><strong>Saved.${" "}</strong>${why}</p>
-    ${
-      path &&
-      html`<div class="row"><${Button} kind="primary" onclick=${apply}>${words}<//>
-      <${Button} onclick=${() => end(true)}>Not now<//></div>`
-    }
+    ${path && acts}
   </section>`;
 }
 

@@ -18,19 +18,15 @@ export function Trying({ desk }) {
   const isShown = trial.text === desk.text; // what another text would have done is shown no longer
   const names = recordings?.map(({ name, seconds }) => [name, `${name} (${span(seconds)})`]) ?? [];
   const ask = () => trial.ask(chosen ?? names[0][0]);
+  const none = html`<p>There is no recording yet: make one under <a href="#recordings">Recordings</a>.</p>`;
+  const choice = html`<div class="row">
+    <${Select} aria-label="Recording" options=${Object.fromEntries(names)} value=${chosen} choose=${choose} />
+    <${Button} disabled=${trial.isBusy} onclick=${ask}>What would this have done?<//></div>`;
   return html`<section class="panel stack" aria-label="On a recording"><h2>On a recording</h2>
     <p class="quiet">The rules in the field, on what the camera saw then, beside what was decided then. Nothing moves.</p>
     ${failed && html`<p>${failed}</p>`}
-    ${
-      recordings?.length === 0 &&
-      html`<p>There is no recording yet: make one under <a href="#recordings">Recordings</a>.</p>`
-    }
-    ${
-      names.length > 0 &&
-      html`<div class="row">
-        <${Select} aria-label="Recording" options=${Object.fromEntries(names)} value=${chosen} choose=${choose} />
-        <${Button} disabled=${trial.isBusy} onclick=${ask}>What would this have done?<//></div>`
-    }
+    ${recordings?.length === 0 && none}
+    ${names.length > 0 && choice}
     <div class="stack" hidden=${!isShown}>
       <div class="stack" role="status">
         ${words && html`<p>${words}</p>`}${answer && html`<${Told} ...${answer} unit=${desk.unit} />`}</div>
@@ -42,14 +38,10 @@ export function Trying({ desk }) {
 
 function Told({ progress, words, differences, unit }) {
   const title = differences.length === 1 ? "1 event differs" : `${differences.length} events differ`;
-  return html`
-    ${progress < 1 && html`<progress value=${progress} aria-label="Replayed" />`}
+  const changes = differences.map((each) => html`<${Changed} ...${each} unit=${unit} />`);
+  return html`${progress < 1 && html`<progress value=${progress} aria-label="Replayed" />`}
     <ul class="words">${words.map((each) => html`<li>${inUnit(each, unit)}</li>`)}</ul>
-    ${
-      differences.length > 0 &&
-      html`<details><summary>${title}</summary>
-        <ul class="list">${differences.map((each) => html`<${Changed} ...${each} unit=${unit} />`)}</ul></details>`
-    }`;
+    ${differences.length > 0 && html`<details><summary>${title}</summary><ul class="list">${changes}</ul></details>`}`;
 }
 
 const SIGNS = { added: "now, not then", lost: "then, not now" };

@@ -14,6 +14,8 @@ export const Versions = ({ desk }) => html`<section class="panel" aria-label="Ve
   </ul>
 </section>`;
 
+const COMPARED = { label: "From that version to the text in the field", none: "The text in the field is the same." };
+
 function Version({ id, unix_s, words, desk }) {
   const [text, show] = useState(null); // that of the version, while it is compared
   const title = moment(unix_s);
@@ -39,10 +41,6 @@ function Version({ id, unix_s, words, desk }) {
         Compare<//>
       <${Button} onclick=${bring} label=${`Bring back the version of ${title}`}>Bring back<//>
     </div>
-    ${
-      text !== null &&
-      html`<${Difference} before=${text} after=${desk.text} label="From that version to the text in the field"
-        none="The text in the field is the same." />`
-    }
+    ${text !== null && html`<${Difference} before=${text} after=${desk.text} ...${COMPARED} />`}
   </li>`;
 }

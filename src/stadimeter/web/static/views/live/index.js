@@ -25,46 +25,38 @@ export const View = (context) => html`<h1 class="sr">Live</h1>
   </div>`;
 
 function Told(context) {
-  const { live, unit } = context;
+  const { live, unit, api } = context;
   const snapshot = useSnapshot(live);
-  const { rules = [], outputs = [], run, figures = [], messenger, health } = snapshot ?? {};
+  if (!snapshot) return html`<p class="panel quiet">The rules and the outputs of the run stand here.</p>`;
+  const { rules, outputs, run, figures, messenger, health, recording } = snapshot;
+  const { world } = run ?? {};
   const events = live.history.events.slice(0, EVENTS_MAX);
   const notes = health?.notes ?? [];
   const bad = notes.filter(({ is_good }) => !is_good);
+  const move = (body) => api.post("world", body);
+  const room = html`<${Fold} name="room" title="Simulated room" isOpen>
+    <${Room} world=${world} send=${move} ...${context} /><//>`;
+  const remembered = html`<${Fold} name="remembered" title="Remembered" isOpen>
+    <ul class="list small">${figures?.map((each) => html`<${Remembered} key=${each.name} ...${each} in=${unit} />`)}</ul><//>`;
   return html`<div class="stack done">
-    ${!snapshot && html`<p class="panel quiet">The rules and the outputs of the run stand here.</p>`}
-    ${snapshot && html`<${Rules} rules=${rules} ...${context} /><${Outputs} outputs=${outputs} ...${context} />`}
-    ${
-      snapshot &&
-      html`<${Fold} name="tools" title="About the picture" said=${snapshot.recording && "recording"}>
-      <${Tools} snapshot=${snapshot} ...${context} /><//>`
-    }
-    ${
-      run?.world &&
-      html`<${Fold} name="room" title="Simulated room" isOpen>
-      <${Room} world=${run.world} send=${(body) => context.api.post("world", body)} ...${context} /><//>`
-    }
+    <${Rules} rules=${rules} ...${context} />
+    <${Outputs} outputs=${outputs} ...${context} />
+    <${Fold} name="tools" title="About the picture" said=${recording && "recording"}>
+      <${Tools} snapshot=${snapshot} ...${context} /><//>
+    ${world && room}
     <${Fold} name="happened" title="Events" said=${events[0] && whatHappened(events[0])}>
       ${!events.length && html`<p class="quiet">Nothing has happened yet.</p>`}
       <${Events} events=${events} unit=${unit} />
       <p><a href="#alarms">All alarms and events</a></p><//>
-    ${
-      figures.length > 0 &&
-      html`<${Fold} name="remembered" title="Remembered" isOpen>
-      <ul class="list small">${figures.map(
-        (each) => html`<li key=${each.name}><strong>${each.name}</strong>${" "}
-        <span class="number">${inUnit(each, unit)}</span> <span class="quiet">${each.words}</span></li>`,
-      )}</ul><//>`
-    }
+    ${figures?.length > 0 && remembered}
     <${Fold} name="health" title="Health" said=${bad.map(({ what }) => what).join(", ") || "good"}>
       <${Notes} notes=${notes} /><//>
-    ${
-      messenger &&
-      html`<${Fold} name="messages" title="Messages to other programs"
-      said=${messenger.trouble || "connected"}><${Messages} ...${snapshot} /><//>`
-    }
+    ${messenger && html`<${Messages} ...${snapshot} />`}
   </div>`;
 }
+
+const Remembered = ({ name, words, in: unit, ...figure }) => html`<li><strong>${name}</strong>${" "}
+  <span class="number">${inUnit(figure, unit)}</span> <span class="quiet">${words}</span></li>`;
 
 const inUnit = ({ value, unit: si }, unit) =>
   value === null
@@ -123,19 +115,18 @@ function Messages({ messenger: link, messages, now_s, unix_s }) {
   const line = ({ topic, payload }, when) => html`<li><span class="quiet number">${when}</span>${" "}
     <strong>${topic}</strong> <code>${payload}</code></li>`;
   const ago = ({ at_s }) => `${Math.max(0, now_s - at_s).toFixed(0)} s ago`;
+  const { undelivered, given_up, dropped } = link;
   const topics = [...link.topics].sort((one, other) => (one.topic < other.topic ? -1 : 1));
   const notes = [
     ["broker", `${link.broker} ${link.trouble ? `: ${link.trouble}` : "connected"}`.trim(), !link.trouble],
     ["base topic", link.base, true],
-    [
-      "not delivered",
-      `${link.undelivered} waiting, ${link.given_up} given up, ${link.dropped} dropped`,
-      !(link.given_up + link.dropped),
-    ],
+    ["not delivered", `${undelivered} waiting, ${given_up} given up, ${dropped} dropped`, !(given_up + dropped)],
     ["commands", link.deafness || `${link.commands}: ${MAY[link.commands]}`, !link.deafness],
     ["Home Assistant", link.home_assistant ? `discovers it by ${link.home_assistant}` : "is not told of it", true],
   ];
-  return html`<${Notes} notes=${notes.map(([what, words, is_good]) => ({ what, words, is_good }))} />
+  const said = link.trouble || "connected";
+  return html`<${Fold} name="messages" title="Messages to other programs" said=${said}>
+    <${Notes} notes=${notes.map(([what, words, is_good]) => ({ what, words, is_good }))} />
     <details><summary>Topics, each with its newest message</summary>
       <ul class="list small">${topics.map((each) => line(each, ago(each)))}</ul></details>
     <details><summary>The newest messages</summary>

@@ -68,19 +68,16 @@ function Test({ name, kind, api }) {
   };
   const move = ([label, [along, round]]) =>
     held(label, () => ({ linear_mps: along * SLOW.mps, angular_radps: round * SLOW.radps }));
+  const about = isLevel
+    ? "It is on only while you hold the button."
+    : "It moves slowly, only while you hold a button. Make room first.";
+  const slider = html`<input type="range" min="0" max="100" defaultValue="50" ref=${level}
+    aria-label=${`${name}: level of the test, in per cent`} />`;
   return html`<details class="test">
     <summary>Test it</summary>
-    <p class="small quiet">${
-      isLevel
-        ? "It is on only while you hold the button."
-        : "It moves slowly, only while you hold a button. Make room first."
-    }</p>
+    <p class="small quiet">${about}</p>
     <div class="row">
-      ${
-        isLevel &&
-        html`<input type="range" min="0" max="100" defaultValue="50" ref=${level}
-        aria-label=${`${name}: level of the test, in per cent`} />`
-      }
+      ${isLevel && slider}
       ${isLevel ? held("Hold to test", () => ({ level: level.current.value / 100 })) : Object.entries(MOVES).map(move)}
     </div>
     <p class="small" role="status">${said}</p>

@@ -8,6 +8,7 @@ const REACH_M = [3, 5, 8, 12, 20, 100]; // the drawing has room for this much, a
 const STEP_M = 0.1;
 const SEND_MS = 100; // a ball that is dragged asks far more often
 const HELD_MS = 500; // so long the hand counts for more than what the run says
+const WAY = "Drag the ball, or move it with the arrow keys. The rings are 1 m apart.";
 const KEYS = { ArrowUp: [1, 0], ArrowDown: [-1, 0], ArrowLeft: [0, 1], ArrowRight: [0, -1] };
 const RINGS = Array.from({ length: 20 }, (_, at) => at + 1);
 
@@ -44,9 +45,7 @@ export function Room({ world, send, session, unit, say }) {
   return html`
     <${Plan} reach_m=${reach_m.current} camera=${camera} targets=${targets} move=${isOurs && move} />
     ${targets.map((target) => html`<p class="small number">${target.name}: ${seenFrom(camera, target, unit)}</p>`)}
-    ${
-      isOurs && html`<p class="small quiet">Drag the ball, or move it with the arrow keys. The rings are 1 m apart.</p>`
-    }
+    ${isOurs && html`<p class="small quiet">${WAY}</p>`}
     ${isOurs && isAlive && html`<${Button} onclick=${() => wishes.current({ release: true })}>Let it go on by itself<//>`}
     <div class="faults">${Object.entries(world.faults).map(box)}</div>`;
 }

@@ -75,11 +75,9 @@ export function Actions({ rule, ...context }) {
     const label = `${words}: ${rule.rule}`;
     return html`<${Button} key=${op} kind=${kind} label=${label} onclick=${() => act(op, rule, context)}>${words}<//>`;
   };
-  return html`
-    ${
-      lesser.length > 0 &&
-      html`<details class="more"><summary>More</summary><div class="lesser">${lesser.map(each(""))}</div></details>`
-    }
+  const more = html`<details class="more"><summary>More</summary>
+    <div class="lesser">${lesser.map(each(""))}</div></details>`;
+  return html`${lesser.length > 0 && more}
     ${urgent.length > 0 && html`<div class="lesser urgent">${urgent.map(each("primary"))}</div>`}`;
 }
 

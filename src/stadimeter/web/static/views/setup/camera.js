@@ -7,7 +7,6 @@ const SETTLED_MS = 500;
 
 export function Widget({ step }) {
   const cameras = useModel(Cameras, { step, api: step.api });
-  const exposure = useRef();
   useEffect(() => cameras.lookThroughAll(), []);
   useEffect(() => cameras.choose(step.answer), [step.answer]);
   const look = ({ answer }) => {
@@ -17,20 +16,22 @@ export function Widget({ step }) {
       <span class=${failed && "is-wrong"}>${failed ?? size ?? "Looking …"}</span></span>`;
   };
   const { told } = cameras;
-  const time = told?.proposed_exposure_s ?? told?.exposure_s ?? 0.01;
-  const lock = () => cameras.lookThrough(step.answer, { exposure: exposure.current.value });
+  const lock = (exposure) => cameras.lookThrough(step.answer, { exposure });
   return html`<div class="stack"><${Choices} step=${step} draw=${look} />
     <div class="stack setup-exposure" role="status">
       ${told && [...told.remarks, ...told.settings].map((each) => html`<p class="small">${each}</p>`)}
-      ${
-        told?.has_exposure &&
-        html`<div class="field">
-          <span>${told.is_locked ? "Exposure: locked" : "Exposure: automatic. Locked, the colours stay as they are"}</span>
-          <div class="setup-size"><input type="text" aria-label="Exposure" ref=${exposure} key=${time}
-              defaultValue=${`${Number((1000 * time).toPrecision(2))} ms`} />
-            <${Button} onclick=${lock}>${told.is_locked ? "Change it" : "Lock it"}<//></div></div>`
-      }</div>
+      ${told?.has_exposure && html`<${Exposure} ...${told} lock=${lock} />`}</div>
   </div>`;
+}
+
+function Exposure({ is_locked, proposed_exposure_s, exposure_s, lock }) {
+  const time = useRef();
+  const now_ms = Number((1000 * (proposed_exposure_s ?? exposure_s ?? 0.01)).toPrecision(2));
+  return html`<div class="field">
+    <span>${is_locked ? "Exposure: locked" : "Exposure: automatic. Locked, the colours stay as they are"}</span>
+    <div class="setup-size">
+      <input type="text" aria-label="Exposure" ref=${time} key=${now_ms} defaultValue=${`${now_ms} ms`} />
+      <${Button} onclick=${() => lock(time.current.value)}>${is_locked ? "Change it" : "Lock it"}<//></div></div>`;
 }
 
 /** Looks through cameras, one at a time. */

@@ -8,6 +8,7 @@ export function Form({ setup, kind: { Widget = Choices, draw, wayOf = () => ({})
   const { question, doubt, answers } = setup.state;
   const step = useModel(Step, { setup, api: setup.api, question, answer: question.ready });
   const { goes = "Go on", busy = "One moment …", Below } = wayOf(step);
+  const way = step.isDoubted ? "Use it all the same" : goes;
   const isInWords = Widget === Choices && !question.options.length;
   const submit = (event) => (event.preventDefault(), step.send());
   const enter = (event) => event.key === "Enter" && event.target.tagName === "SELECT" && submit(event);
@@ -24,21 +25,18 @@ export function Form({ setup, kind: { Widget = Choices, draw, wayOf = () => ({})
     ${!Below && found}
     <${Widget} step=${step} />
     ${!Below && others}
-    ${
-      step.isDoubted &&
-      html`<div class="setup-doubt" role="alert">${doubt.notes.map((each) => html`<p>${inCode(each)}</p>`)}
-        <p>Change the answer, or go on with it as it is.</p></div>`
-    }
+    ${step.isDoubted && html`<${Doubt} ...${doubt} />`}
     <p class="setup-error" role="alert" hidden=${!step.error}>${step.error}</p>
     <progress hidden=${!step.isSending && !step.isWaiting} aria-label="Working" />
     <div class="row setup-way">
       ${answers.length > 0 && html`<${Button} onclick=${() => setup.back()}>Back<//>`}
-      <button class="button primary" disabled=${step.isSending}>${
-        step.isSending ? busy : step.isDoubted ? "Use it all the same" : goes
-      }</button></div>
+      <button class="button primary" disabled=${step.isSending}>${step.isSending ? busy : way}</button></div>
     ${Below && html`<${Below} step=${step} />${found}${others}`}
   </form>`;
 }
+
+const Doubt = ({ notes }) => html`<div class="setup-doubt" role="alert">
+  ${notes.map((each) => html`<p>${inCode(each)}</p>`)}<p>Change the answer, or go on with it as it is.</p></div>`;
 
 /** What was found, in words. A drawing of a distance is in letters of one width, and what it is stands beside it. */
 function Found({ line }) {

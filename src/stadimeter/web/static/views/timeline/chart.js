@@ -5,6 +5,7 @@ import { html, useLayoutEffect, useRef } from "../../ui.js";
 import uPlot from "../../vendor/uplot/uPlot.js";
 
 const LANE = 30; // px: a name, and its bar below
+const BAR = 12;
 const TOP = 34; // px above the plot, for clips and events
 const PLOT = 280;
 const LABEL = "Timeline: arrow keys read it, with Shift they scroll, plus and minus zoom, Enter explains";
@@ -34,7 +35,7 @@ export function Chart({ chart }) {
  * `rules` are those of the run's snapshot, by name: a lane has the colour that the state of its rule has on every view.
  * `thresholds` is a list of `{rule, target, key, value_m}` to be changed in place or replaced; `redraw()` shows it.
  * `overlays` is a set of `draw({ink, x, y, laneOf, lane, colour})`, called last: `x(unix_s)`, `y(metres)` and
- * `laneOf(rule)` (the upper edge of its bar, or undefined) are in pixels of the canvas, `lane` is a bar's height there.
+ * `laneOf(rule)` (the upper edge of its bar, or nothing) are in pixels of the page, `lane` is a bar's height.
  * `timeAt(clientX)` and `metresAt(clientY)` read a pointer; `area` is the element over the plot that gets them.
  * `onview(from_s, to_s)` hears of a view that a person chose, `onselect(unix_s)` of a click, a tap, or Enter; without
  * them the chart can only be read. `onread(unix_s)` returns what is at a moment in words, and at null, if none is read.
@@ -173,43 +174,45 @@ export class TimelineChart {
     return [Math.max(0, Math.min(low, ...near) - room), Math.max(high, ...near) + room];
   }
 
+  /** Draws in pixels of the page: the canvas may have more. */
   #draw() {
-    const { plot } = this;
-    const { ctx: ink, bbox } = plot;
+    const { ctx: ink, bbox } = this.plot;
     const sharp = devicePixelRatio;
-    const x = (unix_s) => plot.valToPos(unix_s, "x", true);
-    const y = (metres) => plot.valToPos(metres / this.unit.size_m, "y", true);
-    const lanesTop = bbox.top + bbox.height + AXIS * sharp;
+    const [left, top, width, height] = ["left", "top", "width", "height"].map((each) => bbox[each] / sharp);
+    const x = (unix_s) => left + this.plot.valToPos(unix_s, "x");
+    const y = (metres) => top + this.plot.valToPos(metres / this.unit.size_m, "y");
     const colour = (name) => this.#colour(name);
+    const bottom = ink.canvas.height / sharp;
+    const lanes = new Map(this.#data.lanes.map(({ rule }, at) => [rule, top + height + AXIS + at * LANE]));
     ink.save();
+    ink.setTransform(sharp, 0, 0, sharp, 0, 0);
     ink.beginPath();
-    ink.rect(bbox.left, 0, bbox.width, ink.canvas.height);
+    ink.rect(left, 0, width, bottom);
     ink.clip();
-    ink.font = `${12 * sharp}px system-ui, sans-serif`;
-    this.#drawThresholds(ink, y, sharp);
-    const bar = (from_s, to_s, top, height, fill) => {
+    ink.font = "12px system-ui, sans-serif";
+    this.#drawThresholds(ink, y, left, width);
+    const bar = (from_s, to_s, from_px, px, fill) => {
       ink.fillStyle = fill;
-      ink.fillRect(x(from_s), top, Math.max(2 * sharp, x(to_s) - x(from_s)), height);
+      ink.fillRect(x(from_s), from_px, Math.max(2, x(to_s) - x(from_s)), px);
     };
-    for (const { from_s, to_s, clip_of } of this.#data.clips) {
-      bar(from_s, to_s, 2 * sharp, 8 * sharp, colour(clip_of ? "accent" : "edge"));
-    }
-    for (const event of this.#data.events) drawEvent(ink, x(event.unix_s), event, colour, sharp);
-    this.#data.lanes.forEach(({ rule, spans }, at) => {
-      const top = lanesTop + at * LANE * sharp;
+    for (const { from_s, to_s, clip_of } of this.#data.clips)
+      bar(from_s, to_s, 2, 8, colour(clip_of ? "accent" : "edge"));
+    for (const event of this.#data.events) drawEvent(ink, x(event.unix_s), event, colour);
+    for (const { rule, spans } of this.#data.lanes) {
+      const lane = lanes.get(rule);
       ink.fillStyle = colour("quiet");
       ink.textAlign = "left";
       ink.textBaseline = "top";
-      ink.fillText(rule, bbox.left + 2 * sharp, top);
+      ink.fillText(rule, left + 2, lane);
       for (const [from_s, to_s, state] of spans) {
-        const height = (state === "idle" ? 2 : 12) * sharp;
+        const px = state === "idle" ? 2 : BAR;
         if (to_s > this.from_s && from_s < this.to_s)
-          bar(from_s, to_s, top + 27 * sharp - height, height, colour(this.#look(rule, state)));
+          bar(from_s, to_s, lane + 15 + BAR - px, px, colour(this.#look(rule, state)));
       }
-    });
-    if (this.at_s !== null) bar(this.at_s, this.at_s, 0, ink.canvas.height, colour("ink"));
-    const rules = new Map(this.#data.lanes.map(({ rule }, at) => [rule, lanesTop + (at * LANE + 15) * sharp]));
-    for (const draw of this.overlays) draw({ ink, x, y, laneOf: (rule) => rules.get(rule), lane: 12 * sharp, colour });
+    }
+    if (this.at_s !== null) bar(this.at_s, this.at_s, 0, bottom, colour("ink"));
+    const laneOf = (rule) => lanes.has(rule) && lanes.get(rule) + 15;
+    for (const draw of this.overlays) draw({ ink, x, y, laneOf, lane: BAR, colour });
     ink.restore();
     Object.assign(this.element.dataset, { drawn: ++this.#drawn, from: this.from_s, to: this.to_s });
   }
@@ -219,24 +222,17 @@ export class TimelineChart {
     return COLOURS[lookOf({ status, is_alarm, severity, inhibits: [], acknowledged: true })];
   }
 
-  #drawThresholds(ink, y, sharp) {
-    const { left, width } = this.plot.bbox;
+  #drawThresholds(ink, y, left, width) {
     ink.strokeStyle = ink.fillStyle = this.#colour("alarm");
-    ink.lineWidth = 1.5 * sharp;
+    ink.lineWidth = 1.5;
     ink.textAlign = "right";
     ink.textBaseline = "bottom";
+    const inUnit = (metres) => +(metres / this.unit.size_m).toFixed(this.unit.decimals);
     for (const { rule, value_m } of this.thresholds) {
-      ink.setLineDash([6 * sharp, 4 * sharp]);
-      ink.beginPath();
-      ink.moveTo(left, y(value_m));
-      ink.lineTo(left + width, y(value_m));
-      ink.stroke();
+      ink.setLineDash([6, 4]);
+      ink.stroke(new Path2D(`M${left} ${y(value_m)}h${width}`));
       ink.setLineDash([]);
-      ink.fillText(
-        `${rule} ${+(value_m / this.unit.size_m).toFixed(this.unit.decimals)} ${this.unit.symbol}`,
-        left + width - 4 * sharp,
-        y(value_m) - 2 * sharp,
-      );
+      ink.fillText(`${rule} ${inUnit(value_m)} ${this.unit.symbol}`, left + width - 4, y(value_m) - 2);
     }
   }
 
@@ -341,15 +337,10 @@ function timeLabels(plot, times, __, ___, step_s) {
 }
 
 /** A mark above: pointing up where something was raised or went wrong, down where it was over. */
-function drawEvent(ink, at, { kind, severity }, colour, sharp) {
+function drawEvent(ink, at, { kind, severity }, colour) {
   const isBad = BAD.has(kind);
-  ink.fillStyle = isBad
-    ? colour(severity === "info" ? "quiet" : severity === "warning" ? "warn" : "alarm")
-    : colour(kind ? "good" : "quiet");
+  const bad = severity === "info" ? "quiet" : severity === "warning" ? "warn" : "alarm";
+  ink.fillStyle = colour(isBad ? bad : kind ? "good" : "quiet");
   const [tip, base] = isBad ? [14, 26] : [26, 14];
-  ink.beginPath();
-  ink.moveTo(at, tip * sharp);
-  ink.lineTo(at - 5 * sharp, base * sharp);
-  ink.lineTo(at + 5 * sharp, base * sharp);
-  ink.fill();
+  ink.fill(new Path2D(`M${at} ${tip}L${at - 5} ${base}H${at + 5}Z`));
 }

@@ -33,6 +33,10 @@ export function View(context) {
     aria-pressed=${String(timeline.shows(Number(span_s)))} onclick=${() => timeline.showLast(Number(span_s))}>${words}<//>`;
   const way = (sign, label, go) => html`<${Button} label=${label} onclick=${go}>${sign}<//>`;
   const close = () => timeline.put({ moment: null });
+  const explained = html`<section class="panel stack moment-told" aria-label="The moment">
+    <div class="row"><h2 class="grow">The moment</h2><${Button} onclick=${close}>Close<//></div>
+    ${canOperate && html`<${Judge} moment=${moment} teaching=${teaching} />`}
+    <${Explained} ...${moment} unit=${unit} /></section>`;
   return html`<div class="stack timeline">
     <section class="panel stack of-run" aria-label="Timeline">
       <div class="row"><h1 class="grow">Timeline</h1><div class="row">${Object.entries(SPANS).map(toSpan)}</div></div>
@@ -45,13 +49,7 @@ export function View(context) {
         ${way("▶", "Later", () => chart.scroll(0.5))}
         ${way("Now", "To now", () => timeline.showLast(chart.to_s - chart.from_s))}</div>
     </section>
-    ${
-      moment &&
-      html`<section class="panel stack moment-told" aria-label="The moment">
-        <div class="row"><h2 class="grow">The moment</h2><${Button} onclick=${close}>Close<//></div>
-        ${canOperate && html`<${Judge} moment=${moment} teaching=${teaching} />`}
-        <${Explained} ...${moment} unit=${unit} /></section>`
-    }
+    ${moment && explained}
     ${canOperate && html`<${WhatIf} teaching=${teaching} />`}
   </div>`;
 }

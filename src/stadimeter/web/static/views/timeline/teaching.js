@@ -207,7 +207,7 @@ export class Teaching extends Model {
 
   #draw({ ink, x, y, laneOf, lane, colour }) {
     const top = laneOf(this.rule);
-    if (top === undefined) return;
+    if (!top) return;
     ink.fillStyle = colour("accent");
     const bar = (from_s, to_s, up, height) =>
       ink.fillRect(x(from_s), top - up, Math.max(2, x(to_s) - x(from_s)), height);
