@@ -53,8 +53,9 @@ export class TimelineChart {
   constructor({ unit, onread, onview = null, onselect = null, label = LABEL, height = PLOT }) {
     Object.assign(this, { unit, onview, onselect, onread, height, from_s: 0, to_s: 1, at_s: null });
     this.element = document.createElement("div");
-    const props = { class: "timeline-chart", tabindex: 0, role: "slider", "aria-valuemin": 0, "aria-label": label };
-    for (const [name, value] of Object.entries(props)) this.element.setAttribute(name, value);
+    const props = { class: "timeline-chart", tabindex: 0, role: "slider", "aria-valuemin": 0, "aria-valuenow": 0 };
+    for (const [name, value] of Object.entries({ ...props, "aria-label": label }))
+      this.element.setAttribute(name, value);
     this.element.addEventListener("keydown", (event) => this.#key(event));
     this.scheme = matchMedia("(prefers-color-scheme: dark)");
     this.scheme.addEventListener("change", this.redraw);
