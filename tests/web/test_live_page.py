@@ -128,6 +128,14 @@ def test_a_dialog_keeps_what_was_typed_where_the_run_refuses_and_asks_before_it_
         dialog.wait_for(state="detached")
 
 
+def test_nothing_is_said_of_rules_before_the_run_has_told_them(browser, still):
+    with tab(browser) as page:
+        page.route("**/live?*", lambda _: None)
+        page.goto(still.url)
+        page.get_by_text("The rules and the outputs of the run stand here.").wait_for()
+        assert page.get_by_text("No rule").count() == page.get_by_text("No output").count() == 0
+
+
 SPOKEN = """() => {
     window.spoken = [];
     new MutationObserver((changes) => window.spoken.push(...changes.map(({ target }) => target.textContent)

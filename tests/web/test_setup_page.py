@@ -141,6 +141,8 @@ def test_a_computer_that_is_not_set_up_begins_with_the_set_up(page, here):
     page.goto(here.url)
     page.wait_for_selector(".setup")
     assert page.locator(".setup-way .primary").is_visible()
+    page.get_by_text("not connected").wait_for()
+    assert page.locator(".banner").count() == 0, "it says to set it up, where that is done"
 
 
 def test_a_pin_is_chosen_and_its_wiring_and_its_danger_are_shown(page, here):
@@ -202,6 +204,21 @@ def test_saving_over_what_another_has_saved_shows_what_changes_in_theirs(page, h
     page.reload()
     page.wait_for_selector(".setup")
     assert "[rules.far]" in here.configuration.read_text()
+
+
+ON_TOP = """() => {
+    const go = document.querySelector(".setup-way .primary");
+    const { left, top, width, height } = go.getBoundingClientRect();
+    return document.elementFromPoint(left + width / 2, top + height - 4) === go;
+}"""
+
+
+def test_the_way_on_is_in_sight_on_a_phone(browser, here):
+    with tab(browser, size=PHONE) as page:
+        for answers in ({}, CAMERA, TARGET, COLOUR, LENS, BLANKS, ALL):
+            begin_at(page, here, answers)
+            page.locator(".setup-way .primary").wait_for()
+            assert page.evaluate(ON_TOP), answers
 
 
 @pytest.mark.parametrize("size", [PHONE, TABLET, DESKTOP])
