@@ -102,7 +102,7 @@ class SetUp extends Model {
   /** Begin, or go on where it was left: here, or on another device. */
   async open(anew = false) {
     document.addEventListener("visibilitychange", this.isBack);
-    this.put({ failed: null });
+    this.put({ failed: null, isLooking: !anew }); // what begins anew closes the camera
     try {
       const state = await this.api.get("setup");
       await this.show(state.begun && !anew ? state : await this.#begin(anew));
