@@ -23,13 +23,13 @@ export function View({ api, say }) {
   };
   useEffect(() => void ask(busy, () => api.get("certificate")), []);
   const take = (body) => ask(WATCHING, () => api.post("certificate/take", body));
-  const finish = (correct) => ask("Writing …", () => api.post("certificate/finish", { correct }));
+  const finish = () => ask("Writing …", () => api.post("certificate/finish"));
   return html`<div class="stack">
     <section class="panel stack"><h1>Certificate of the site</h1>
       ${failed && html`<p class="banner is-error">${failed}</p>`}
       ${busy && html`<p role="status">${busy}</p>`}
-      ${!failed && !busy && html`<${Form} ...${state} take=${take} finish=${() => finish(false)} />`}</section>
-    ${state?.certificate && html`<${Certificate} ...${state.certificate} correct=${() => finish(true)} />`}
+      ${!failed && !busy && html`<${Form} ...${state} take=${take} finish=${finish} />`}</section>
+    ${state?.certificate && html`<${Certificate} ...${state.certificate} />`}
   </div>`;
 }
 
@@ -49,11 +49,10 @@ function Form({ left_m, remark, placements, take, finish }) {
 
 const List = ({ sentences }) => html`<ul class="list">${sentences.map((each) => html`<li>${each}</li>`)}</ul>`;
 
-const Certificate = ({ date, outdated, words, rules, can_correct, correct }) => html`<section class="panel stack"
+const Certificate = ({ date, outdated, words, rules }) => html`<section class="panel stack"
   aria-label="Certificate"><h2>Measured ${date}</h2>
   ${outdated && html`<p class="banner is-warning">Out of date: ${outdated}.</p>`}
   ${words.map((each) => html`<p>${each}</p>`)}
   <${List} sentences=${rules} />
-  <div class="row"><a href="/api/v1/certificate.html" target="_blank" class="button">To print</a>
-    ${can_correct && html`<${Button} onclick=${correct}>Correct the focal length<//>`}</div>
+  <div class="row"><a href="/api/v1/certificate.html" target="_blank" class="button">To print</a></div>
 </section>`;
