@@ -14,7 +14,8 @@ from msgspec.structs import replace
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.clock import MonotonicClock, SteppedClock
-from stadimeter.app.live.health import WINDOW_S, Board, BoardState, LiveHealth, RunHistory, Seen, program_age_s
+from stadimeter.app.live.health import Board, BoardState, LiveHealth
+from stadimeter.app.live.history import WINDOW_S, RunHistory, Seen, program_age_s
 from stadimeter.app.live.pictures import SHOWN_MAX_PX, Pictures, drawn
 from stadimeter.app.live.snapshot import LiveFeed, outline_of, shared_data
 from stadimeter.app.loop import Limits, Loop

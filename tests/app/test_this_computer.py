@@ -69,6 +69,11 @@ def test_a_camera_and_a_serial_port_that_are_not_there_are_told(tmp_path):
     assert [key for _, key, _ in found] == ["camera"]
 
 
+def test_what_a_run_refuses_for_want_of_a_camera_model_is_told(tmp_path):
+    text = '[camera]\ndriver = "simulated"\n[targets.ball]\ndetector = "ideal"\n[world]\n'
+    assert [code for code, _, _ in lacking(tmp_path, text)] == ["camera-model-missing"]
+
+
 @pytest.mark.usefixtures("mock_pins")
 def test_a_live_camera_too_slow_for_outputs_is_warned_of_until_the_hint_is_followed(tmp_path):
     camera = '[camera]\ndriver = "opencv"\ndevice = 0\nrate = "4 Hz"\n'

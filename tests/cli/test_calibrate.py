@@ -137,6 +137,29 @@ def test_a_bad_distance_is_one_line_and_exit_2(near: Path, output: Path, distanc
     assert not output.exists()
 
 
+def _turned_sheet(path: Path, tilt_rad: float, depth_m: float) -> Path:
+    """Draw letter paper that is turned about its upright axis, through a lens of 600 px."""
+    corners_m = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * (0.2794 / 2, 0.2159 / 2, 0)
+    turn, _ = cv2.Rodrigues(np.array([0.0, tilt_rad, 0.0]))
+    there = corners_m @ turn.T + (0, 0, depth_m)
+    seen = there[:, :2] / there[:, 2:] * 600 + (319.5, 239.5)
+    large = 4
+    image = np.full((480 * large, 640 * large, 3), (70, 100, 120), np.uint8)
+    outline = np.round(((seen + 0.5) * large - 0.5) * 256).astype(np.int32)
+    cv2.fillConvexPoly(image, outline, (230, 232, 228), shift=8)
+    cv2.imwrite(str(path), cv2.resize(image, (640, 480), interpolation=cv2.INTER_AREA))
+    return path
+
+
+def test_a_picture_that_measure_would_refuse_makes_no_camera_file(output: Path, tmp_path: Path) -> None:
+    turned = _turned_sheet(tmp_path / "turned.png", 0.9, 0.4)
+    right, wrong = (typed("calibrate", "distance", f"{turned}@{at}", *SHEET, "-o", output) for at in ("40cm", "90cm"))
+    assert right.returncode == 0, right
+    assert wrong.returncode == 1
+    assert f"left out: {turned}: through the camera file it is not found: " in wrong.stderr
+    assert "nothing was written" in wrong.stderr
+
+
 # The command ``calibrate check``.
 
 

@@ -144,6 +144,15 @@ def test_the_guide_names_every_key_of_an_answer() -> None:
     assert [each.title for each in load_recipes().values() if f"`{each.key}`: {each.title}" not in text] == []
 
 
+def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "taken").touch()
+    (tmp_path / "answers.toml").write_text('camera = "ball.png"\n')
+    told = typed("init", tmp_path / "taken", "--answers", tmp_path / "answers.toml")
+    assert told.returncode == 2
+    assert told.stderr.count("\n") == 1
+    assert "the folder cannot be made" in told.stderr
+
+
 def interrupt(terminal: Terminal) -> None:
     """Type Ctrl-C until there is an answer: Python misses one that comes just before it waits for a line."""
     for _ in range(3):

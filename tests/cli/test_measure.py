@@ -270,6 +270,17 @@ def test_what_makes_no_sense_is_said_with_the_option_and_what_to_do(
     assert said in result.stderr
 
 
+def test_two_targets_are_measured_and_how_far_they_are_apart_is_printed(folder: Path) -> None:
+    image = cv2.imread(str(folder / "sheet.png"))
+    cv2.circle(image, (560, 240), 40, (20, 20, 20), -1, cv2.LINE_AA)
+    cv2.imwrite(str(folder / "sheet.png"), image)
+    both = ("--target", "sheet width=11in height=8.5in", "--target", "disc diameter=101.6mm shade=dark")
+    records = [json.loads(line) for line in run(*given(folder, *both, "--json")).stdout.splitlines()]
+    assert [each.get("target") for each in records] == ["sheet", "disc", None]
+    assert records[2]["between"] == ["sheet", "disc"]
+    assert records[2]["distance_m"] == pytest.approx(240 / 600 * 0.762, rel=0.02)
+
+
 def test_a_mounted_camera_gives_places_in_the_robot_s_frame(folder: Path) -> None:
     (folder / "run.toml").write_text(
         """

@@ -115,6 +115,20 @@ def test_any_kind_is_described_by_the_keys_of_its_table() -> None:
     assert by_keys.options == by_flags.options
 
 
+def test_what_is_wrong_with_a_target_is_said_with_its_option() -> None:
+    for target, said in [
+        ("disk diameter=12cm", "no detector driver is called 'disk'; did you mean 'disc'?"),
+        ("disc diametre=12cm", "unknown key 'diametre' (did you mean 'diameter'?)"),
+        ("disc", "'diameter' is missing"),
+        ("disc 12cm", "'12cm' is not KEY=VALUE"),
+        ("disc diameter=1cm diameter=2cm", "diameter is given twice"),
+        ("", "'' is not a kind with keys"),
+    ]:
+        with pytest.raises(ConfigError, match=re.escape(said)) as caught:
+            _wanted(target=target)
+        assert str(caught.value).startswith("--target: ")
+
+
 def test_with_a_configuration_the_tolerance_stands_in_the_table(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="--tolerance"):
         _wanted(tolerance="1 mm", config=tmp_path / "any.toml")
