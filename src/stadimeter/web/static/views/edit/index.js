@@ -16,7 +16,8 @@ export function View(context) {
   const desk = useModel(Desk, context);
   useEffect(() => void desk.load(), []);
   const { failed, path, text, base, answer, below, hand, isChanged } = desk;
-  if (failed || !path) return html`<p class=${failed ? "banner is-error" : "quiet"}>${failed || "Loading …"}</p>`;
+  if (failed || !path)
+    return html`<h1>Configuration</h1><p class=${failed ? "banner is-error" : "quiet"}>${failed || "Loading …"}</p>`;
   return html`<div class="edit">
     <section class="panel stack" aria-label="Text">
       <h1>Configuration <span class="quiet small">${path}</span></h1>
