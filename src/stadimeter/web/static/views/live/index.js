@@ -131,5 +131,5 @@ function Messages({ messenger: link, messages, now_s, unix_s }) {
       <ul class="list small">${topics.map((each) => line(each, ago(each)))}</ul></details>
     <details><summary>The newest messages</summary>
       <ul class="list small">${messages.map((each) => line(each, format.moment(unix_s - now_s + each.at_s)))}</ul>
-    </details>`;
+    </details><//>`;
 }
