@@ -14,15 +14,9 @@ import pytest
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.control import recording as black_box_module
+from stadimeter.app.control.black_box import LONGER_MAX_S, BlackBox, BlackBoxMemory
 from stadimeter.app.control.messages import OutputsArgs, Reply
-from stadimeter.app.control.recording import (
-    LONGER_MAX_S,
-    BlackBox,
-    BlackBoxMemory,
-    LastRecording,
-    delete_old,
-    last_folder,
-)
+from stadimeter.app.control.recording import LastRecording, delete_old, last_folder
 from stadimeter.app.control.reloading import needs_restart
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop

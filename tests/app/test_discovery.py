@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.app.deliveries import announcement
+from stadimeter.app.discovery import announcement
 from stadimeter.app.messages import Reporter
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.conditions.distance import DistanceCondition

@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from stadimeter.app import guard
-from stadimeter.app.guard import LeasedOutput, WatchdogLink
+from stadimeter.app import watchdog
+from stadimeter.app.guard import LeasedOutput
+from stadimeter.app.watchdog import WatchdogLink
 from stadimeter.core.command import LevelCommand
 from stadimeter.errors import DriverError
 from stadimeter.operator_actions import OperatorAction, OperatorCommand
@@ -179,7 +180,7 @@ def test_a_release_that_can_start_none_is_followed_by_another_stop(run, monkeypa
     os.kill(run.link.pid or 0, signal.SIGKILL)
     assert eventually(lambda: run.output.is_held)
     assert len(run.link.with_stop(())) == 1
-    monkeypatch.setattr(guard.sys, "executable", "/nowhere/python")
+    monkeypatch.setattr(watchdog.sys, "executable", "/nowhere/python")
     _, stop = run.link.with_stop((RELEASE,))
     assert "cannot be started: No such file or directory" in stop.said
     assert run.output.is_held
@@ -188,7 +189,7 @@ def test_a_release_that_can_start_none_is_followed_by_another_stop(run, monkeypa
 def test_a_process_that_answers_nothing_is_as_good_as_gone(run, monkeypatch):
     run.link.start()
     os.kill(run.link.pid or 0, signal.SIGSTOP)
-    monkeypatch.setattr(guard, "ANSWERS_WITHIN_S", 0.05)
+    monkeypatch.setattr(watchdog, "ANSWERS_WITHIN_S", 0.05)
 
     def is_lost() -> bool:
         run.act()
@@ -203,7 +204,7 @@ def test_a_process_that_answers_nothing_is_as_good_as_gone(run, monkeypatch):
 def test_a_run_does_not_begin_without_it(run, monkeypatch, tmp_path):
     program = tmp_path / "silent.py"
     program.write_text("")
-    monkeypatch.setattr(guard, "PROGRAM", str(program))
+    monkeypatch.setattr(watchdog, "PROGRAM", str(program))
     with pytest.raises(DriverError, match="does not answer"):
         run.link.start()
 

@@ -25,7 +25,7 @@ from typing import Any
 
 from coverage import CoverageData
 
-GUARDED = ("core", "ranging", "watchdog", "app/guard.py", "app/guard.py")
+GUARDED = ("core", "ranging", "watchdog", "app/guard.py", "app/watchdog.py")
 """What stands between a mistake and a wheel that turns, or a number that is wrong."""
 
 FIRST, MORE = 20, 60

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.app.control.mqtt_requests import OFFERS
-from stadimeter.app.deliveries import announcement
+from stadimeter.app.discovery import announcement
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.home_assistant import Announcement, DiscoveryPlace
 from support.simulated_run import SIMULATED_BALL

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.guard import PROGRAM
+from stadimeter.app.watchdog import PROGRAM
 from stadimeter.testing.rig import eventually
 from stadimeter.watchdog import __main__ as program
 from stadimeter.watchdog import gpio, stops

@@ -30,13 +30,14 @@ from stadimeter.errors import EndOfFramesError
 from stadimeter.messaging.protocol import Discoverable, TakesRequests
 
 if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
-    from stadimeter.app.control.recording import BlackBox, RecordingOnRequest
+    from stadimeter.app.control.black_box import BlackBox
+    from stadimeter.app.control.recording import RecordingOnRequest
     from stadimeter.app.control.reloading import CheckedConfiguration, Restarter
     from stadimeter.app.control.requests import Control
-    from stadimeter.app.guard import WatchdogLink
     from stadimeter.app.persistence.state_writer import StateWriter
     from stadimeter.app.recordings.journal import RecordedConfiguration
     from stadimeter.app.service import Service
+    from stadimeter.app.watchdog import WatchdogLink
 
 
 Listener = Callable[[CycleRecord, Frame | None], None]

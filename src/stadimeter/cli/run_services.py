@@ -114,7 +114,7 @@ def open_black_box(loop: Loop, closing: ExitStack) -> None:
     if trouble := missing("record"):
         services.tell(f"warning: the black box keeps nothing: {trouble}")
         return
-    from stadimeter.app.control.recording import BlackBox  # noqa: PLC0415 - it takes long, and few runs have one
+    from stadimeter.app.control.black_box import BlackBox  # noqa: PLC0415 - it takes long, and few runs have one
 
     box = BlackBox(loop.parts, lambda: loop.state, services.tell, loop.deadline)
     closing.callback(box.close)
@@ -181,7 +181,7 @@ def _watchdog_process(loop: Loop) -> Iterator[None]:
     if not (lines := held_lines(loop.parts.configuration)):
         yield
         return
-    from stadimeter.app.guard import WatchdogLink, limit_s  # noqa: PLC0415 - simulations need none of it
+    from stadimeter.app.watchdog import WatchdogLink, limit_s  # noqa: PLC0415 - simulations need none of it
 
     parts = loop.parts
     now_s = parts.clock.now_s if parts.is_live else None

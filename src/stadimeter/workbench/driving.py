@@ -171,7 +171,7 @@ def _held_by_watchdog(
     if not (lines := held_lines(configuration)):
         yield lambda: None
         return
-    from stadimeter.app.guard import WatchdogLink, limit_s  # noqa: PLC0415 - simulations need none of it
+    from stadimeter.app.watchdog import WatchdogLink, limit_s  # noqa: PLC0415 - simulations need none of it
 
     link = WatchdogLink(lines, [output], limit_s(configuration), clock.now_s, tell)
     link.start()

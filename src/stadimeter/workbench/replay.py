@@ -498,8 +498,6 @@ def read_recording(path: Path) -> AnyRecording:
         head = file.read(len(MAGIC))
     if head != MAGIC:
         return read_journal(path)
-    from stadimeter.workbench.replay import read_mcap  # noqa: PLC0415 - it needs OpenCV and an extra
-
     return read_mcap(path)
 
 

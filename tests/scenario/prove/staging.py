@@ -12,8 +12,8 @@ from msgspec.structs import replace
 from scenario.prove.faults import LASTS_S, NEEDS_FIRMWARE, UNPLUGS
 from scenario.prove.staged_camera import StagedCameraOptions
 from scenario.prove.watch import MotionLimits
-from stadimeter.app.guard import limit_s
 from stadimeter.app.service import safe_lines
+from stadimeter.app.watchdog import limit_s
 from stadimeter.config import plugins
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice, load_driver

@@ -18,9 +18,9 @@ from scenario.prove.staged_clock import StagedClock
 from scenario.prove.staging import StagedConfiguration
 from scenario.prove.watch import MotionWatch, Violation
 from stadimeter.app.bootstrap import build
-from stadimeter.app.guard import WatchdogLink
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import JournalWriter, to_be_recorded
+from stadimeter.app.watchdog import WatchdogLink
 from stadimeter.config.plugins import DriverContext
 from stadimeter.operator_actions import OperatorAction, OperatorCommand
 from stadimeter.watchdog.stops import TRIED_EVERY_S
