@@ -69,12 +69,14 @@ def _live(page: Any, path: Path) -> None:
 
 def _coloured(page: Any, path: Path) -> None:
     page.goto(f"{page.home}/#live")
+    page.locator("summary", has_text="About the picture").click()
     page.get_by_role("button", name="Colour …").click()
     page.get_by_text("On the ball").wait_for()
     page.get_by_label("Hue to", exact=True).fill("38")
     page.wait_for_timeout(5000)
     save(page, path)
-    page.keyboard.press("Escape")
+    for _ in range(2):  # it asks first: a slider was moved
+        page.get_by_role("button", name="Close", exact=True).click()
 
 
 def _two_cameras(browser: Any, folder: Path, path: Path) -> None:
@@ -94,7 +96,7 @@ def _two_cameras(browser: Any, folder: Path, path: Path) -> None:
 
 def _edited(page: Any, path: Path) -> None:
     page.goto(f"{page.home}/#edit")
-    page.get_by_text("2 warnings").wait_for()
+    page.get_by_text(re.compile(r"\d warning")).first.wait_for()
     field = page.get_by_role("textbox", name="Configuration")
     field.fill(field.input_value().replace('when = { below = "1 m" }', 'when = { below = "1 parsec" }'))
     page.get_by_text("1 error").wait_for()
@@ -136,7 +138,7 @@ def _taught(page: Any, began_s: float, path: Path) -> None:
     part = (began_s + false_alarm.BY_S - view[0]) / (view[1] - view[0])
     page.mouse.click(box["x"] + box["width"] * part, box["y"] + 8)
     page.get_by_role("button", name="Should not have fired").click()
-    page.get_by_text("1 of yours missed").wait_for()
+    page.get_by_text("1 of yours gone").wait_for()
     page.get_by_role("region", name="The moment").get_by_role("button", name="Close").click()
     save(page, path)
 
