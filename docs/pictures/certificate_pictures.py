@@ -8,8 +8,6 @@ from pathlib import Path
 
 from web_pages import save
 
-from stadimeter.config.loader import load_configuration
-from stadimeter.workbench.site import SiteSession
 from support.browser import chromium, served, tab
 
 HERE = Path(__file__).parent
@@ -42,11 +40,6 @@ def make_certificate_picture(folder: Path) -> None:
             page.locator(".list li").nth(number).wait_for()
         page.get_by_role("button", name="Write the certificate").click()
         page.get_by_text("Measured 20").wait_for()
-        session = SiteSession(load_configuration(Path(room) / "stadimeter.toml"), again=True)
-        for placed in session.certificate.placements[:2]:
-            page.get_by_label("Distance").fill(f"{placed.tape_m} m")
-            page.get_by_role("button", name="Measure").click()
-            page.get_by_text(f"{placed.tape_m:g} m: seen in").wait_for()
         save(page, folder / "web-certificate.png")
 
 
