@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.control import recording as black_box_module
+from stadimeter.app.control import black_box as black_box_module
 from stadimeter.app.control.black_box import LONGER_MAX_S, BlackBox, BlackBoxMemory
 from stadimeter.app.control.messages import OutputsArgs, Reply
 from stadimeter.app.control.recording import LastRecording, delete_old, last_folder
