@@ -18,7 +18,7 @@ from stadimeter.core.home_assistant import (
     Origin,
     Sensor,
     announce,
-    is_entry,
+    announced_platforms,
 )
 from stadimeter.core.message import Message
 from stadimeter.messaging.mqtt import PahoMessenger
@@ -39,9 +39,9 @@ def sensor(key: str) -> Sensor:
     return entity(Sensor, key, state_topic=f"stadimeter/it/{key}", value_template="{{ value }}")  # type: ignore[no-any-return]
 
 
-def announcement(*keys: str, prefix: str = "homeassistant", node: str = "it", **others: Any) -> Announcement:
+def announcement(*keys: str, **others: Any) -> Announcement:
     return Announcement(
-        place=DiscoveryPlace(node=node, base="stadimeter/it", prefix=prefix),
+        place=DiscoveryPlace(node="it", base="stadimeter/it", prefix="homeassistant"),
         device=DiscoveryDevice(identifiers=("stadimeter_it",), name="it", manufacturer="x", model="x", sw_version="1"),
         origin=Origin(name="x", sw_version="1", support_url="https://example.org"),
         components={**{key: sensor(key) for key in keys}, **others},
@@ -86,8 +86,7 @@ def test_it_is_announced_once_connected_and_kept_for_a_home_assistant_that_start
 def test_what_is_no_more_after_a_restart_is_removed_by_one_message_and_then_left_out(broker, make_messenger, listen):
     first = ran(make_messenger(broker.port), announcement("near", "far"))
     witness = listen(broker.port)
-    witness.wait_for("stadimeter/it/retained/it")
-    eventually(lambda: not first.undelivered())
+    witness.wait_for(CONFIG)
     first.close()
     ran(make_messenger(broker.port), announcement("far", "new"))
     eventually(lambda: keys_of(witness)[-2:] == [["far", "new", "near"], ["far", "new"]])
@@ -97,32 +96,26 @@ def test_what_is_no_more_after_a_restart_is_removed_by_one_message_and_then_left
 def test_a_reload_removes_and_adds_at_once(broker, make_messenger, listen):
     messenger = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
-    witness.wait_for("stadimeter/it/retained/it")
+    witness.wait_for(CONFIG)
     ran(messenger, announcement("far"), opens=False)
     eventually(lambda: keys_of(witness)[-2:] == [["far", "near"], ["far"]])
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("now", [{"home_assistant": False}, {"discovery_prefix": "other"}])
-def test_a_device_that_is_announced_elsewhere_or_no_more_leaves_no_ghost(now, broker, make_messenger, listen):
+def test_a_device_that_is_announced_no_more_leaves_no_ghost(broker, make_messenger, listen):
     first = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
-    witness.wait_for("stadimeter/it/retained/it")
-    eventually(lambda: not first.undelivered())
+    witness.wait_for(CONFIG)
     first.close()
-    messenger = make_messenger(broker.port, **now)
-    place = messenger.discovery_place
-    ran(messenger, announcement("near", prefix=place.prefix) if place is not None else None)
+    ran(make_messenger(broker.port, home_assistant=False), None)
     witness.wait_for(CONFIG, "")
-    if place is not None:
-        witness.wait_for("other/device/stadimeter_it/config")
 
 
 @pytest.mark.long
 def test_after_the_birth_of_home_assistant_it_is_announced_again_and_states_are_due(broker, make_messenger, listen):
     messenger = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
-    witness.wait_for("stadimeter/it/retained/it")
+    witness.wait_for(CONFIG)
     before = len(witness.payloads(CONFIG))
     assert not messenger.take_states_due(), "what it publishes is sent at the start anyway"
     for payload in ("offline", "online"):
@@ -136,15 +129,14 @@ def test_a_birth_that_the_broker_has_kept_is_none(broker, make_messenger, listen
     publish.single(BIRTH, "online", qos=1, retain=True, hostname=HOST, port=broker.port)
     messenger = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
-    witness.wait_for("stadimeter/it/retained/it")  # written after both subscriptions
+    witness.wait_for(CONFIG)  # sent after both subscriptions
     assert not messenger.take_states_due()
 
 
 @pytest.mark.long
 def test_a_broker_that_forgot_all_gets_all_again(broker, make_messenger, listen):
     messenger = ran(make_messenger(broker.port), announcement("near"))
-    listen(broker.port).wait_for("stadimeter/it/retained/it")  # by this list it knows that there was something
-    eventually(lambda: not messenger.undelivered())  # else the list is sent again, and the broker has it
+    listen(broker.port).wait_for(CONFIG)
     assert not messenger.take_forgotten()
     broker.stop()
     broker.start()
@@ -165,14 +157,12 @@ def test_a_broker_that_forbids_the_topic_is_reported_with_its_name(start_broker,
     assert "access list" in messenger.trouble()
 
 
-def test_a_list_that_somebody_else_wrote_removes_no_other_device(broker, make_messenger, listen):
-    others = ["device#homeassistant/device/zigbee/config", "device#homeassistant/device/stadimeter_attic/config"]
-    forged = [*others, "component#nonsense/x", "component#sensor/", "component#sensor/gone", "device#"]
-    publish.single("stadimeter/it/retained/it", json.dumps(forged), qos=1, retain=True, hostname=HOST, port=broker.port)
-    witness = listen(broker.port)
+@pytest.mark.parametrize("kept", ["no JSON", "[]", '{"components": {"x": {"platform": "nonsense"}, "y": 1}}'])
+def test_what_somebody_else_left_in_its_place_is_replaced(kept, broker, make_messenger, listen):
+    publish.single(CONFIG, kept, qos=1, retain=True, hostname=HOST, port=broker.port)
     ran(make_messenger(broker.port), announcement("near"))
-    eventually(lambda: keys_of(witness)[-2:] == [["near", "gone"], ["near"]])
-    assert {each.topic for each in witness.heard if not each.payload} == set()
+    witness = listen(broker.port)
+    eventually(lambda: witness.payloads(CONFIG)[-1:] == [announcement("near").message().payload])
 
 
 @given(
@@ -183,8 +173,8 @@ def test_a_list_that_somebody_else_wrote_removes_no_other_device(broker, make_me
 def test_exactly_what_is_gone_is_removed(before, now, events):
     event = {key: entity(EventEntity, key, state_topic="x", event_types=("y",)) for key in events}
     earlier, later = announcement(*before), announcement(*now, **event)
-    assert all(map(is_entry, earlier.entries | later.entries))
-    messages = list(announce(later, earlier.entries, "it"))
+    assert announced_platforms(earlier.message().payload.encode()) == earlier.platforms
+    messages = list(announce(later, earlier.platforms, CONFIG))
     gone = (before - now) | (before & events)
     assert len(messages) == (2 if gone else 1)
     first, last = (json.loads(each.payload)["components"] for each in (messages[0], messages[-1]))

@@ -227,7 +227,6 @@ def run_until_raised(changing_site, end):
     with changing_site.running() as process:
         eventually(lambda: changing_site.is_active("near"))
         eventually(lambda: changing_site.listener.payloads(f"{BASE}/near/door"))
-        eventually(lambda: any("near" in page for page in changing_site.listener.payloads(f"{BASE}/retained/it")))
         process.send_signal(end)
         process.wait()
 
@@ -240,7 +239,6 @@ def test_a_rule_that_is_renamed_between_two_runs_leaves_nothing_at_the_broker(ch
     changing_site.write("nearer")
     with changing_site.running():
         eventually(lambda: changing_site.is_active("nearer"))
-        eventually(lambda: changing_site.listener.payloads(f"{BASE}/near/door")[-1] == "")
         eventually(lambda: changing_site.heard("near", "state")[-1] == "")
         eventually(lambda: changing_site.heard("near", "availability")[-2:] == ["offline", ""])
         assert changing_site.heard("nearer", "availability")[-1] == "online"

@@ -7,7 +7,7 @@ does not know: so keys are written in full, and are those of the types below.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Literal
 
 import msgspec
@@ -192,10 +192,6 @@ class DiscoveryPlace(Struct, frozen=True, kw_only=True):
         return f"{self.prefix}/device/{self.device}/config"
 
 
-# An announcement leaves these behind in the list of what a broker keeps. No topic has a `#`.
-_DEVICE, _COMPONENT = "device#", "component#"
-
-
 class Announcement(Struct, frozen=True, kw_only=True):
     """A device with its entities, to be discovered.
 
@@ -227,47 +223,42 @@ class Announcement(Struct, frozen=True, kw_only=True):
         return Message(topic=self.place.topic, payload=payload, qos=1, retain=True, is_absolute=True)
 
     @property
-    def entries(self) -> frozenset[str]:
-        """The entries written down of it, for a later run: that of it which must be removed when it goes."""
-        listed = (f"{_COMPONENT}{_platform(each)}/{key}" for key, each in self.components.items())
-        return frozenset({f"{_DEVICE}{self.place.topic}", *listed})
+    def platforms(self) -> dict[str, str]:
+        """The platform of each component."""
+        return {key: str(each.__struct_config__.tag) for key, each in self.components.items()}
 
 
-def is_entry(listed: str) -> bool:
-    """Check whether it is one of `Announcement.entries`."""
-    return listed.startswith((_DEVICE, _COMPONENT))
+class _KeptComponent(Struct):
+    platform: str
 
 
-def announce(announcement: Announcement | None, before: Iterable[str], node: str) -> Iterator[Message]:
+class _KeptAnnouncement(Struct):
+    components: dict[str, _KeptComponent]
+
+
+def announced_platforms(payload: bytes) -> dict[str, str]:
+    """Return the platforms that an announcement names, by key; none of what no run of this program announces."""
+    try:
+        kept = msgspec.json.decode(payload, type=_KeptAnnouncement)
+    except msgspec.MsgspecError:
+        return {}
+    return {key: each.platform for key, each in kept.components.items() if each.platform in _PLATFORMS}
+
+
+def announce(announcement: Announcement | None, before: Mapping[str, str], topic: str) -> Iterator[Message]:
     """Yield what announces a device, and removes what an earlier announcement has left.
 
     Args:
         announcement: The device; None for none.
-        before: What was written down of the earlier one. It is not trusted: nothing is removed but this node's.
-        node: This node's name.
+        before: The platforms of the earlier one, by key.
+        topic: The topic of both.
     """
-    entries = set(before)
-    own = DiscoveryPlace(node=node, base="", prefix="").topic
-    for listed in sorted(entries):
-        topic = listed.removeprefix(_DEVICE)
-        is_here = announcement is not None and topic == announcement.place.topic
-        if listed.startswith(_DEVICE) and topic.endswith(own) and not is_here:
-            yield Message(topic=topic, payload="", qos=1, retain=True, is_absolute=True)
     if announcement is None:
+        if before:
+            yield Message(topic=topic, payload="", qos=1, retain=True, is_absolute=True)
         return
     # A key that goes on with another platform is among them: Home Assistant must first forget the entity that it was.
-    if gone := dict(_components(entries - announcement.entries)):
+    now = announcement.platforms
+    if gone := {key: platform for key, platform in before.items() if now.get(key) != platform}:
         yield announcement.message(gone)
     yield announcement.message()
-
-
-def _components(entries: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield key and platform of each component that is written down."""
-    for listed in entries:
-        platform, _, key = listed.removeprefix(_COMPONENT).partition("/")
-        if listed.startswith(_COMPONENT) and platform in _PLATFORMS and key:
-            yield key, platform
-
-
-def _platform(component: Component) -> str:
-    return str(component.__struct_config__.tag)

@@ -113,12 +113,10 @@ SYSTEM_EVENT = OwnTopic(path="event/system")
 REQUEST = OwnTopic(path="request/*")
 RESPONSE = OwnTopic(path="response/*", qos=0)
 SNAPSHOT = OwnTopic(path="snapshot", qos=0)
-# The list of what the broker keeps, for the program itself; see `stadimeter.messaging.outbox`.
-RETAINED = OwnTopic(path="retained/*", retain=True)
 
 OWN_TOPICS = (
     AVAILABILITY, INFO, TARGET_STATE, RULE_STATE, RULE_AVAILABILITY, RULE_SETTINGS, FIGURE_STATE, CAMERA_STATE,
-    CAMERA_POSE, HEALTH, ALARM_EVENT, SYSTEM_EVENT, REQUEST, RESPONSE, SNAPSHOT, RETAINED,
+    CAMERA_POSE, HEALTH, ALARM_EVENT, SYSTEM_EVENT, REQUEST, RESPONSE, SNAPSHOT,
 )  # fmt: skip
 
 OWN_FIRST_LEVELS = frozenset(each.first_level for each in OWN_TOPICS)
@@ -130,10 +128,9 @@ def is_state(item: Message | Notification) -> bool:
     return isinstance(item, Message) and item.topic.partition("/")[0] in _STATES
 
 
-def may_be_cleared(topic: str) -> bool:
-    """Check whether a broker may be asked to forget a topic that the configuration does not have any more."""
-    is_own = topic.partition("/")[0] in OWN_FIRST_LEVELS
-    return not is_own or any(each.is_kept_by_name and each.matches(topic) for each in OWN_TOPICS)
+def is_kept_by_name(topic: str) -> bool:
+    """Check whether it is the topic of a rule or a figure, of which a broker keeps the newest message for ever."""
+    return any(each.is_kept_by_name and each.matches(topic) for each in OWN_TOPICS)
 
 
 def as_history(message: Message) -> Message:

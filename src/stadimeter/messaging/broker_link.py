@@ -9,7 +9,7 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import Any
@@ -18,8 +18,8 @@ from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.enums import MQTTErrorCode, MQTTProtocolVersion
 from paho.mqtt.properties import MQTTException  # type: ignore[attr-defined] # paho 2.1 and 2.2 both have it there
 
-from stadimeter.core.home_assistant import Announcement
-from stadimeter.core.message import AVAILABILITY, RETAINED, Message
+from stadimeter.core.home_assistant import Announcement, announce, announced_platforms
+from stadimeter.core.message import AVAILABILITY, OWN_TOPICS, Message, clearing, is_kept_by_name
 from stadimeter.errors import DeviceOpenError
 from stadimeter.messaging.mqtt_client import (
     OFFLINE,
@@ -33,50 +33,54 @@ from stadimeter.messaging.mqtt_client import (
     say_goodbye,
     subscribe,
 )
-from stadimeter.messaging.outbox import DirectMessage, MemoryOutbox, PendingMessage, RetainedList, pending
+from stadimeter.messaging.outbox import DirectMessage, MemoryOutbox, PendingMessage, pending
 from stadimeter.messaging.protocol import BackOff, NoRequest, Patience, RequestMessage
 
 # What a broker keeps of a run, and what Home Assistant discovers of it, over every connection -------
 
-# Time after the confirmed subscription within which the list of retained topics arrives, if there is one.
-LIST_ENDS_S = 0.5
+# Time after the confirmed subscription within which everything arrives that a broker has kept.
+KEPT_ARRIVES_S = 0.5
 
 
 class RetainedTopics:
-    """Reads the list of retained topics, has cleared what is gone, and announces this node to Home Assistant.
+    """Clears what the broker has kept of an earlier run and this one lacks, and announces this node to Home Assistant.
+
+    At the beginning of a connection the broker itself is asked: it sends each message that it keeps of a rule, of a
+    figure, or as this node's announcement. What else it keeps is never touched, whoever wrote it.
 
     `retain_only`, `announce` and what is taken may be called in any thread, all else in the link's.
 
     Attributes:
-        is_reading: Whether the list may still come.
+        is_reading: Whether kept messages may still come.
     """
 
     def __init__(self, options: MqttSettings, queue: SendQueue) -> None:
         self._options = options
         self._queue = queue
-        self._lock = threading.Lock()
-        self._list = RetainedList(options.retained_topic, options.node)
-        self._topic = f"{options.base}/{options.retained_topic}"
-        self._is_to_begin = False
+        self._lock = threading.Lock()  # of the four that follow
+        self._topics: frozenset[str] | None = None
+        self._announcement: Announcement | None = None
+        self._kept: dict[str, bytes] = {}
+        self._is_read = False
         self.is_reading = False
         self._subscription: int | None = None
-        self._was_connected = False
+        self._device_topic = options.discovery_at.topic
+        self._birth_topic = f"{options.discovery_prefix}/status"  # there Home Assistant says that it begins
+        self._connections = 0
         self._are_states_due = self._is_forgotten = False
 
     def retain_only(self, topics: frozenset[str]) -> None:
-        """Take on which topics messages are published for the broker to keep; see `RetainedList`."""
+        """Take on which topics messages are published for the broker to keep, below the base topic."""
         with self._lock:
-            self._send(self._list.retain_only(topics))
-            if not self.is_reading and not self._list.is_read:
-                self._is_to_begin = True  # a broker may answer before a run knows what it publishes
+            self._topics = topics  # a broker may have answered before a run knows what it publishes
         self._queue.wake()
 
     def announce(self, announcement: Announcement | None) -> None:
         """Have Home Assistant discover this from now on, and no more what was announced before."""
         with self._lock:
-            self._send(self._list.announce(announcement))
-            if self._queue.is_connected and not self.is_reading and not self._list.is_read:
-                self._send(self._list.announced())
+            before, self._announcement = self._announcement, announcement
+            if self._is_read:
+                self._send(announce(announcement, before.platforms if before else {}, self._device_topic))
 
     def take_states_due(self) -> bool:
         """Return, once each time, whether Home Assistant or the broker began anew, and may know no states."""
@@ -86,62 +90,67 @@ class RetainedTopics:
         return True
 
     def take_forgotten(self) -> bool:
-        """Return, once each time, whether the list that this run had written is not there any more."""
+        """Return, once each time, whether the broker has forgotten all that this run had it keep."""
         is_forgotten, self._is_forgotten = self._is_forgotten, False
         return is_forgotten
 
     def begin_over(self, client: Client, events: LinkEvents) -> None:
-        """Begin anew over a connection, unless an oversized packet came that way before."""
-        self._are_states_due, self._was_connected = self._was_connected, True
-        self._is_to_begin = True
-        events.handlers[self._topic] = self._on_list
-        if self._options.discovery_place is not None and not events.oversized_packets:
-            birth_topic = f"{self._options.discovery_prefix}/status"  # there Home Assistant says that it begins
-            events.handlers[birth_topic] = self._on_birth
-            client.subscribe(birth_topic, qos=0)
+        """Begin anew over a connection."""
+        self._connections += 1
+        self._are_states_due = self._connections > 1
+        if self._options.home_assistant and not events.oversized_packets:
+            client.subscribe(self._birth_topic, qos=0)
 
     def end(self) -> None:
         """Forget what was read over a connection that is no more."""
         with self._lock:
-            self.is_reading = False
-            self._list.begin()
+            self._kept, self._is_read, self.is_reading, self._subscription = {}, False, False, None
 
-    def attend(self, client: Client, events: LinkEvents) -> None:
-        """Do what is due."""
-        with self._lock:
-            is_to_begin, self._is_to_begin = self._is_to_begin, False
-            if is_to_begin:
-                self.is_reading = self._list.is_wanted and not events.oversized_packets
-                if not self.is_reading:
-                    self._send(self._list.announced())
-        if is_to_begin and self.is_reading:
-            _, self._subscription = client.subscribe(self._topic, qos=0)
-        elif self.is_reading:
-            self.read(client, events)
-
-    def read(self, client: Client, events: LinkEvents, *, is_last: bool = False) -> None:
-        """When the list has come, or does not, clear what is no longer published, and write the list anew."""
-        subscribed_at_s = events.subscribed_at_s.get(self._subscription)
-        is_over = subscribed_at_s is not None and (is_last or time.monotonic() - subscribed_at_s >= LIST_ENDS_S)
-        with self._lock:
-            if not is_over and not self._list.text:
-                return
-            self.is_reading = False
-            self._is_forgotten = self._is_forgotten or self._list.is_forgotten
-            self._send(self._list.finish())
-        client.unsubscribe(self._topic)
-
-    def _on_birth(self, message: MQTTMessage) -> None:
-        if message.payload == b"online" and not message.retain:
-            self._are_states_due = True
+    def attend(self, client: Client, events: LinkEvents, *, is_last: bool = False) -> None:
+        """Do what is due: ask for what is kept, and act on it when it has arrived."""
+        if self.is_reading:
+            subscribed_at_s = events.subscribed_at_s.get(self._subscription)
+            if subscribed_at_s is not None and (is_last or time.monotonic() - subscribed_at_s >= KEPT_ARRIVES_S):
+                self._finish(client)
+            return
+        if self._is_read or self._topics is None:
+            return
+        if events.oversized_packets:  # one of them may be among what is kept
             with self._lock:
-                self._send(self._list.announced())
+                self._is_read = True
+                self._send(announce(self._announcement, {}, self._device_topic))
+            return
+        self.is_reading = True
+        _, self._subscription = client.subscribe([(each, 0) for each in self._filters()])
 
-    def _on_list(self, message: MQTTMessage) -> None:
+    def hear(self, message: MQTTMessage) -> None:
+        """Take in a message that the broker has kept, or the word of Home Assistant that it has begun anew."""
+        if message.topic == self._birth_topic:
+            if message.payload == b"online" and not message.retain:
+                self._are_states_due = True
+                with self._lock:
+                    self._send(announce(self._announcement, {}, self._device_topic))
+        elif message.retain and message.payload:
+            self._kept[message.topic] = bytes(message.payload)
+
+    def _finish(self, client: Client) -> None:
+        """Clear what is published no more, and announce this node."""
         with self._lock:
-            self._list.hear(bytes(message.payload))
+            published = self._topics or frozenset()
+            below = {topic.removeprefix(f"{self._options.base}/") for topic in self._kept}
+            if self._connections > 1 and published and not self._kept:
+                self._is_forgotten = True
+            before = announced_platforms(self._kept.get(self._device_topic, b""))
+            self.is_reading, self._is_read, self._kept = False, True, {}
+            self._send(clearing(filter(is_kept_by_name, below - published)))
+            self._send(announce(self._announcement, before, self._device_topic))
+        client.unsubscribe(list(self._filters()))
 
-    def _send(self, messages: tuple[Message, ...]) -> None:
+    def _filters(self) -> tuple[str, ...]:
+        own = (f"{self._options.base}/{each.of('+')}" for each in OWN_TOPICS if each.is_kept_by_name)
+        return (*own, self._device_topic)
+
+    def _send(self, messages: Iterable[Message]) -> None:
         for message in messages:
             self._queue.send(message)
 
@@ -205,6 +214,7 @@ class BrokerLink:
         self._thread.start()
 
     def _hear(self, message: MQTTMessage) -> None:
+        self.retained.hear(message)
         if self.requests is not None:
             self.requests.hear(message)
 
@@ -272,7 +282,7 @@ class BrokerLink:
             self._take_stock()
 
     def _wait_s(self) -> float:
-        return LIST_ENDS_S / 4 if self.retained.is_reading else 1.0
+        return KEPT_ARRIVES_S / 4 if self.retained.is_reading else 1.0
 
     def _loop(self, wait_s: float) -> bool:
         return serve(partial(self.queue.loop, self._client), self._events, wait_s)
@@ -299,7 +309,7 @@ class BrokerLink:
     def _say_goodbye(self) -> None:
         """Disconnect in order if all was delivered; without that, the broker will publish our last will."""
         if self.retained.is_reading:
-            self.retained.read(self._client, self._events, is_last=True)
+            self.retained.attend(self._client, self._events, is_last=True)
         until_s = time.monotonic() + self._patience.goodbye_s
         delivered = not self.queue.is_connected
         if self.queue.is_connected:
@@ -356,9 +366,6 @@ class BrokerLink:
 # Messages between the threads that publish and the thread of a link, which alone speaks to paho ---
 
 
-# First levels of the topics of the link's own messages. A later run does not send them again.
-_OURS = frozenset({AVAILABILITY.first_level, RETAINED.first_level})
-
 # Room in a packet for what is neither payload nor topic.
 _HEADER_BYTES = 512
 
@@ -404,7 +411,7 @@ class SendQueue:
         """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first."""
         with self._lock:
             undelivered = self._outbox.undelivered()
-        return tuple([each for each in undelivered if not (each.topic.partition("/")[0] in _OURS or each.is_absolute)])
+        return tuple([each for each in undelivered if not (each.topic == AVAILABILITY.path or each.is_absolute)])
 
     def forget_own(self) -> None:
         """Forget the link's own messages, which another connection begins with anew."""

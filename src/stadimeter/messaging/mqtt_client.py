@@ -31,7 +31,7 @@ from stadimeter.config.files import (
 from stadimeter.config.plugins import DriverOptions
 from stadimeter.config.units import FilePath
 from stadimeter.core.home_assistant import DiscoveryPlace
-from stadimeter.core.message import AVAILABILITY, RETAINED, Message
+from stadimeter.core.message import AVAILABILITY, Message
 from stadimeter.errors import DeviceOpenError, UnreadableError
 from stadimeter.messaging.outbox import DirectMessage
 from stadimeter.messaging.protocol import CommandLevel
@@ -146,16 +146,14 @@ class MqttSettings(DriverOptions):
         return self.base_topic or f"stadimeter/{self.node}"
 
     @property
-    def discovery_place(self) -> DiscoveryPlace | None:
-        """The place at which Home Assistant discovers this node; None if it shall not."""
-        if not self.home_assistant:
-            return None
+    def discovery_at(self) -> DiscoveryPlace:
+        """The place at which Home Assistant would discover this node."""
         return DiscoveryPlace(node=self.node, base=self.base, prefix=self.discovery_prefix)
 
     @property
-    def retained_topic(self) -> str:
-        """Topic of the list of retained topics, below the base topic, which several nodes may share."""
-        return f"{RETAINED.first_level}/{self.node}"
+    def discovery_place(self) -> DiscoveryPlace | None:
+        """The place at which Home Assistant discovers this node; None if it shall not."""
+        return self.discovery_at if self.home_assistant else None
 
     @property
     def client_id(self) -> str:
@@ -167,8 +165,8 @@ class MqttSettings(DriverOptions):
 SESSION_EXPIRY_S = 3600
 WILL_DELAY_S = 5
 
-# We subscribe to a list of our own and to requests, so all that a broker has to say is short. No larger packet is read:
-# there is room for the list, and for an answer to requests that are somewhat too large.
+# We subscribe to what the broker keeps of this node and to requests, so all that it has to say is short. No larger
+# packet is read: there is room for the announcement of some fifty rules, and for requests that are somewhat too large.
 #
 # MQTT allows 256 MiB. A broker of MQTT 5 hears of this bound; for one that does not heed it, and with 3.1.1, `_Client`
 # sees to it. It also bounds messages of QoS 2 that are never completed: we ask for none.
@@ -400,10 +398,6 @@ STABLE_S = 10.0
 SUSPICIOUS = 3
 
 
-# Takes a message of a topic that was subscribed to. It is called in the link's thread, within paho's loop.
-Handler = Callable[[MQTTMessage], None]
-
-
 class LinkEvents:
     """Collects the events of paho's callbacks, without a lock.
 
@@ -417,12 +411,11 @@ class LinkEvents:
         oversized_packets: How often the other side announced more than a broker has to say to us.
         refusal: Why the broker would not take a message over this connection, in words.
         subscribed_at_s: When the broker answered our subscriptions, by the number of each.
-        handlers: Who takes the messages of a topic.
         packet_max: The largest packet that the broker takes; None if it does not say.
         has_identifiers: Whether the broker marks messages with the subscription that they come from.
 
     Args:
-        hear: Takes a message that has no handler, within paho's loop.
+        hear: Takes a message, within paho's loop.
     """
 
     def __init__(self, options: MqttSettings, hear: Callable[[MQTTMessage], None] = lambda _message: None) -> None:
@@ -434,7 +427,6 @@ class LinkEvents:
         self._was_ever_accepted = False
         self.oversized_packets = 0
         self.refusal = ""
-        self.handlers: dict[str, Handler] = {}
         self.begin()
 
     def begin(self) -> None:
@@ -546,7 +538,7 @@ class LinkEvents:
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
         with suppress(UnicodeDecodeError):
-            self.handlers.get(message.topic, self._hear)(message)
+            self._hear(message)
 
 
 UNSUPPORTED_VERSION = 0x84

@@ -1,25 +1,16 @@
-"""Messages that wait for a broker, and what a broker keeps of a run.
-
-What it keeps is written down at the broker itself, so that a later run clears what it no longer publishes. The list is
-there whenever that is: whatever became of this computer, its state file or its configuration's name. A broker that
-forgets one forgets the other.
-"""
+"""Messages that wait for a broker."""
 
 from __future__ import annotations
 
-import json
 import math
-import re
 from collections import OrderedDict, deque
-from collections.abc import Iterator
 from itertools import count
 
 from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.decision import Severity, first_to_go
-from stadimeter.core.home_assistant import Announcement, announce, is_entry
-from stadimeter.core.message import KEPT_S, NEWS_S, Message, as_history, clearing, may_be_cleared
+from stadimeter.core.message import KEPT_S, NEWS_S, Message, as_history
 
 
 class DirectMessage(Message, frozen=True, kw_only=True):
@@ -192,106 +183,3 @@ class MemoryOutbox:
         if (last := first_to_go(severity for _, severity in passing)) is not None:
             del self._waiting[passing[last][0]]
             self.given_up += 1
-
-
-# No longer list is written: it has room for some hundred rules, and is read back in one packet.
-LIST_MAX_BYTES = 200_000
-
-
-class RetainedList:
-    """The topics whose messages a broker keeps of this node, as a message of JSON that the broker keeps, too.
-
-    It does no I/O and knows no clock. What the list says is not trusted: whatever it names, nothing is cleared but
-    states of rules and messages of the user's own, below the base topic, and the discovery of this node.
-
-    Args:
-        topic: Where the list is, below the base topic.
-        node: This node's name.
-
-    Attributes:
-        text: What the broker keeps of it, as far as that is known.
-        is_read: Whether it was read over this connection.
-    """
-
-    def __init__(self, topic: str, node: str) -> None:
-        self._topic = topic
-        self._node = node
-        self._topics: frozenset[str] | None = None
-        self._announcement: Announcement | None = None
-        self._has_written = False
-        self.text = ""
-        self.is_read = False
-
-    @property
-    def is_forgotten(self) -> bool:
-        """True if this run wrote a list, and none is heard: the broker has forgotten all that it kept."""
-        return self._has_written and not self.text
-
-    @property
-    def is_wanted(self) -> bool:
-        """True if it is known what this run publishes, so that the list can be compared with it."""
-        return self._topics is not None
-
-    def begin(self) -> None:
-        """Forget the list: it is read again over a new connection."""
-        self.text, self.is_read = "", False
-
-    def hear(self, payload: bytes) -> None:
-        """Take in the list that the broker has kept."""
-        if not self.is_read:
-            self.text = payload.decode("utf-8", "replace")
-
-    def finish(self) -> tuple[Message, ...]:
-        """List the messages to send when the list was read: what clears topics that are gone, then the new list."""
-        if self._topics is None:
-            return ()
-        self.is_read = True
-        listed = {*_entries_of(self.text)}
-        return (
-            *clearing(set(filter(_may_be_cleared, listed)) - self._topics),
-            *announce(self._announcement, filter(is_entry, listed), self._node),
-            *self._rewritten(),
-        )
-
-    def retain_only(self, topics: frozenset[str]) -> tuple[Message, ...]:
-        """Take on what is published from now on; return the list if it changes, to be sent after what clears topics."""
-        self._topics = topics
-        return tuple(self._rewritten()) if self.is_read else ()
-
-    def announce(self, announcement: Announcement | None) -> tuple[Message, ...]:
-        """Take on what Home Assistant discovers from now on; return what announces it, if the list was read."""
-        before, self._announcement = self._announcement, announcement
-        if not self.is_read:
-            return ()
-        return (*announce(announcement, before.entries if before else (), self._node), *self._rewritten())
-
-    def announced(self) -> tuple[Message, ...]:
-        """Return the message that announces the same again; nothing if nothing was announced."""
-        return (self._announcement.message(),) if self._announcement is not None else ()
-
-    def _rewritten(self) -> Iterator[Message]:
-        entries = self._announcement.entries if self._announcement is not None else ()
-        listed = [*sorted(self._topics or ()), *sorted(entries)]  # if there is no room for all, rules come first
-        while len(text := json.dumps(listed, separators=(",", ":")) if listed else "") > LIST_MAX_BYTES:
-            listed = listed[: len(listed) * 9 // 10]
-        before, self.text = self.text, text
-        self._has_written = self._has_written or bool(text)
-        if text != before:
-            yield Message(topic=self._topic, payload=text, qos=1, retain=True)
-
-
-def _entries_of(text: str) -> Iterator[str]:
-    try:
-        found = json.loads(text)
-    except (ValueError, RecursionError):
-        return
-    yield from (
-        each for each in (found if isinstance(found, list) else ()) if isinstance(each, str) and each.isprintable()
-    )
-
-
-def _may_be_cleared(topic: str) -> bool:
-    """Check whether it is a topic, and one that may be cleared."""
-    if re.search(r"[+#]", topic) or not topic.strip("/"):
-        return False
-    return may_be_cleared(topic)
