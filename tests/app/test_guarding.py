@@ -180,10 +180,10 @@ def test_a_closed_output_has_stopped_and_released_its_driver(output, driver):
 
 def test_a_guard_that_was_stopped_watches_no_more_and_may_be_stopped_again(output, driver, clock):
     guard = Guard([output], clock)
-    guard.stop()
+    guard.end_watching()
     guard.start()
-    guard.stop()
-    guard.stop()
+    guard.end_watching()
+    guard.end_watching()
     output.apply(full(128.0))
     clock.advance_s(10.0)
     assert driver.level == 1.0

@@ -263,7 +263,7 @@ def test_a_run_that_ends_does_not_wait_for_a_driver_that_is_being_opened_again()
     break_it(driver, output)
     assert opening.wait(120)
     assert retire_all([output]) == []
-    guard.stop()
+    guard.end_watching()
     output.close()
     assert closed.wait(120)
 
@@ -467,7 +467,7 @@ def test_a_driver_that_asks_for_the_end_leaves_no_output_without_a_guard_while_a
     assert isinstance(guard.failure, SystemExit)
     hanging.let_go.set()
     loop.join()
-    guard.stop()
+    guard.end_watching()
 
 
 def test_a_driver_that_cannot_be_opened_says_so(clock):
@@ -495,7 +495,7 @@ def test_the_guard_ends_a_command_while_the_control_thread_hangs():
     guard.start()
     output.apply(full(clock.now_s()))
     assert safe_again.wait(120), "the control thread waits here, and the guard acts"
-    guard.stop()
+    guard.end_watching()
     output.close()
 
 
@@ -548,5 +548,5 @@ def test_a_driver_that_hangs_keeps_no_other_output_from_stopping(where):
     finally:
         hanging.let_go.set()
         control.join()
-        guard.stop()
+        guard.end_watching()
     assert hanging.level == 0.0, "it was stopped when it came back"

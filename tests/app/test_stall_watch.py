@@ -38,7 +38,7 @@ def test_an_output_goes_to_its_safe_value_when_the_loop_hangs(rig):
     assert motor.level == 1.0
     real.advance_s(0.3)
     assert motor.level == 0.0
-    watch.stop()
+    watch.end_watching()
 
 
 def test_as_long_as_the_recording_moves_nothing_is_done(rig):

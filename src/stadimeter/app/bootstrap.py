@@ -357,10 +357,10 @@ class OpenParts(Struct):
     def _guarded(self) -> Guard:
         parts = self.parts
         guard = Guard(parts.driven, parts.clock)
-        self._watch(guard.start, guard.stop)
+        self._watch(guard.start, guard.end_watching)
         if parts.recording_drives:
             watch = StallWatch(parts.driven, parts.clock, guard=guard)
-            self._watch(watch.start, watch.stop)
+            self._watch(watch.start, watch.end_watching)
         self._lanes.setdefault("outputs", []).append(("guard", self._settle))
         return guard
 

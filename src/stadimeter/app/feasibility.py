@@ -16,8 +16,8 @@ from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.evidence import probability_between
 from stadimeter.core.conditions.measured import FigureCondition
+from stadimeter.core.conditions.quantities import probability_between
 from stadimeter.core.detection import TargetShape
 from stadimeter.core.rule import AlarmRule, RampRule, ReportRule
 from stadimeter.core.words import length

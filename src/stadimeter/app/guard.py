@@ -408,7 +408,7 @@ class Guard:
         self.failure = self.failure or error
         retire_all(self._outputs)
 
-    def stop(self) -> None:
+    def end_watching(self) -> None:
         """Cease to watch. May be called any number of times."""
         for cancel in self._cancels:
             cancel()
@@ -489,7 +489,7 @@ class StallWatch:
         except BaseException as error:  # noqa: BLE001 - as in the guard
             self._guard.fail(error)
 
-    def stop(self) -> None:
+    def end_watching(self) -> None:
         """Cease to watch. May be called any number of times."""
         if self._cancel is not None:
             self._cancel()

@@ -76,7 +76,7 @@ class HoverboardCodec(SerialCodec):
         "and that both data wires are connected"
     )
     gap_s: ClassVar = GAP_S
-    stops: ClassVar = math.inf  # it beeps when nothing comes; only zeros are ever repeated
+    stop_repeats: ClassVar = math.inf  # it beeps when nothing comes; only zeros are ever repeated
 
     def __init__(self, full_speed_mps: float, rpm_mps: float) -> None:
         self._unit_mps = full_speed_mps / MAX_COMMAND

@@ -125,20 +125,20 @@ class Unacknowledged(Acknowledgements):
 
     Args:
         streams: Whether the base sends something all the time, so that silence is a lost link. Else it never is one.
-        stops: How often a stop is sent.
+        stop_repeats: How often a stop is sent.
     """
 
-    def __init__(self, now_s: float, *, streams: bool, stops: float) -> None:
+    def __init__(self, now_s: float, *, streams: bool, stop_repeats: float) -> None:
         super().__init__()
         self._streams = streams
-        self._stops = self._stops_left = stops
+        self._stop_repeats = self._stops_left = stop_repeats
         self._is_repeating = False
         self._sent_s = math.inf
         self.heard(now_s)
 
     def sent(self, now_s: float, *, stop: bool) -> None:
         """Note that a command was sent. Any other command takes an earlier stop back."""
-        self._stops_left = (self._stops_left if self._is_repeating else self._stops) - 1
+        self._stops_left = (self._stops_left if self._is_repeating else self._stop_repeats) - 1
         self._is_repeating = False
         self._sent_s = now_s if stop and self._stops_left > 0 else math.inf
 
@@ -241,8 +241,6 @@ class MotorOutputs(Struct, frozen=True, kw_only=True):
     backward: int | None = None
     pwm: int | None = None
 
-
-# Kinematics of a robot with a driven wheel on each side, and the whole numbers that bases count in.
 
 # Kinematics of a robot with a driven wheel on each side. Pure functions of numbers ------------------------------------
 #

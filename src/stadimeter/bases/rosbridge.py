@@ -151,7 +151,7 @@ _CONFIRMED_WITHIN_MS = 500
 _RACE = AssertionError
 
 # Nothing says that a stop arrived.
-_STOPS = 3
+_STOP_REPEATS = 3
 
 # A voltage older than this is not known any more. Robots report it every second, or every ten.
 _BATTERY_WITHIN_S = 30.0
@@ -356,7 +356,7 @@ class RosbridgeBase:
         self._options = options
         self._context = context
         self._link: RosbridgeLink | None = None
-        self._awaited = Unacknowledged(context.clock.now_s(), streams=False, stops=_STOPS)
+        self._awaited = Unacknowledged(context.clock.now_s(), streams=False, stop_repeats=_STOP_REPEATS)
         self._report: BaseReport | None = None
 
     def open(self) -> None:

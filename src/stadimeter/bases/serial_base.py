@@ -93,7 +93,7 @@ class SerialCodec(ABC):
         polls: Questions that are asked in turn, five a second while it stands or commands come, for reports.
         closing: What is sent after the last stop.
         gap_s: How long the line must be quiet between two frames.
-        stops: How often a stop is sent to a base that acknowledges none.
+        stop_repeats: How often a stop is sent to a base that acknowledges none.
         any_byte_feeds: Whether every byte keeps the base from stopping by itself, and not only commands that drive.
         hint: What to check when nothing answers.
         refusal_hint: What is wrong when a base refuses to drive.
@@ -106,7 +106,7 @@ class SerialCodec(ABC):
     hint: ClassVar[str] = "check that its firmware is loaded, that the baud rate is right, and that it is switched on"
     refusal_hint: ClassVar[str] = ""
     gap_s: ClassVar[float] = 0.0
-    stops: ClassVar[float] = 3
+    stop_repeats: ClassVar[float] = 3
     any_byte_feeds: ClassVar[bool] = False
     ends_cut_frame: bytes = b""
     wake: tuple[bytes, ...] = ()
@@ -179,8 +179,6 @@ class LineReader:
             del self._line[0]
             self._noise += 1
 
-
-# The one way to a serial port, opened for us alone, and the first exchange with a base that may still be booting.
 
 # The one way to a serial port: opened for us alone, never waiting long, and with errors that say what to do -----------
 
@@ -696,7 +694,9 @@ class SerialBase:
         now_s = self._clock.now_s()
         self._awaited = Acknowledgements(any_byte_feeds=codec.any_byte_feeds)
         if codec.answers is not Answers.EACH_COMMAND:
-            self._awaited = Unacknowledged(now_s, streams=codec.answers is Answers.STREAM, stops=codec.stops)
+            self._awaited = Unacknowledged(
+                now_s, streams=codec.answers is Answers.STREAM, stop_repeats=codec.stop_repeats
+            )
         self._polls = cycle(codec.polls)
         self._polled_s = -math.inf
         self._left_s = self._commanded_s = now_s

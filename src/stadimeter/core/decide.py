@@ -1,7 +1,8 @@
-"""The decision: from what is known to what is done, in five steps.
+"""The decision: from what is known to what is done, in six steps.
 
-track → rules → safety → arbitrate → limit. `decide` is a function of its arguments: the same state and observation give
-the same decision to the last bit, which is what makes a recorded run a test.
+judge the frame (safety) → track → rules → stops and arming (safety) → arbitrate → limit. `decide` is a function of its
+arguments: the same state and observation give the same decision to the last bit, which is what makes a recorded run a
+test.
 """
 
 from __future__ import annotations

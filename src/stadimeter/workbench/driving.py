@@ -153,7 +153,7 @@ def open_wheels(
         output.open()
         guard = Guard([output], clock)
         guard.start()
-        closing.callback(guard.stop)
+        closing.callback(guard.end_watching)
         yield Wheels(output, clock, strengths, note)
 
 

@@ -31,7 +31,6 @@ from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.evidence import Quantity
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
 from stadimeter.core.conditions.of_rules import (
@@ -41,7 +40,7 @@ from stadimeter.core.conditions.of_rules import (
     SequenceCondition,
     UndeliveredCondition,
 )
-from stadimeter.core.conditions.quantities import AXES, QUANTITIES, STILL_WITHIN_M, Axis, noun_of
+from stadimeter.core.conditions.quantities import AXES, QUANTITIES, STILL_WITHIN_M, Axis, DistanceKind, noun_of
 from stadimeter.core.conditions.remembered import FigureQuantity, RememberedCondition, RememberedFigure, Window
 from stadimeter.core.conditions.schedule import DateSpan, ScheduleCondition, Sun
 from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
@@ -730,7 +729,7 @@ class WhenTable(LimitsTable, LikelihoodTable):
     """In metres; holds when it is nearer."""
     between: Annotated[list[Length], Field(min_length=2, max_length=2)] | None = None
     """In metres, the lower end first."""
-    of: Quantity = _DISTANCE.quantity
+    of: DistanceKind = _DISTANCE.quantity
     """Whether the limits are on the distance or on the depth along the optical axis."""
     deadband: LengthOrZero = _DISTANCE.deadband
     """In metres; how far the target must come back."""

@@ -18,9 +18,9 @@ from typing import NamedTuple
 from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_DURATION_S, MIN_QUANTITY
-from stadimeter.core.conditions.evidence import probability_below
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold, back_words, closing_words
 from stadimeter.core.conditions.limits import FAR_SIGMAS, turning_point
+from stadimeter.core.conditions.quantities import probability_below
 from stadimeter.core.measurement import Track
 from stadimeter.core.words import length, metres
 

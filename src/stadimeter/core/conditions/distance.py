@@ -7,12 +7,12 @@ import math
 from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_LENGTH_M, MIN_QUANTITY
-from stadimeter.core.conditions.evidence import Quantity, Uncertain, probability_below, quantity_of
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, back_words
 from stadimeter.core.conditions.limits import (
     LimitsCondition,
     turning_point,
 )
+from stadimeter.core.conditions.quantities import DistanceKind, Uncertain, probability_below, quantity_of
 from stadimeter.core.words import metres
 
 
@@ -32,7 +32,7 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     above: float | None = None
     below: float | None = None
-    quantity: Quantity = "distance"
+    quantity: DistanceKind = "distance"
     deadband: float = 0.0
     deadband_sigmas: float = 3.0
     probability_on: float | None = 0.7

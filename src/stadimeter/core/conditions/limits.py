@@ -16,8 +16,8 @@ import math
 from collections.abc import Callable
 from typing import ClassVar
 
-from stadimeter.core.conditions.evidence import Uncertain, probability_between
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold, back_words
+from stadimeter.core.conditions.quantities import Uncertain, probability_between
 
 # Nothing is in doubt this many standard deviations from a threshold.
 FAR_SIGMAS = 12.0

@@ -8,9 +8,9 @@ from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_BY_UNIT, MIN_QUANTITY
 from stadimeter.core.conditions import quantities
-from stadimeter.core.conditions.evidence import Uncertain
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, Threshold, back_words, closing_words
 from stadimeter.core.conditions.limits import LimitsCondition
+from stadimeter.core.conditions.quantities import Uncertain
 from stadimeter.core.tracking.transverse import AskedMotion
 from stadimeter.core.words import duration, figure_in_words, length, metres, uncertain_figure
 

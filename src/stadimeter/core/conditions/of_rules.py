@@ -10,9 +10,9 @@ from typing import Literal
 from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_VOLTAGE_V
-from stadimeter.core.conditions.evidence import Uncertain
 from stadimeter.core.conditions.leaf import ANSWERS, JudgedFigure, Leaf, RuleInputs, Threshold
 from stadimeter.core.conditions.limits import LimitsCondition
+from stadimeter.core.conditions.quantities import Uncertain
 from stadimeter.core.words import duration
 
 # Conditions on what a robot base reports of itself: its bumper, what is below it, and its battery ---------------------

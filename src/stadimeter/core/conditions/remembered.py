@@ -11,10 +11,9 @@ from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_SPEED_MPS
 from stadimeter.core.clock import DAY_S
-from stadimeter.core.conditions.evidence import Uncertain
 from stadimeter.core.conditions.leaf import Leaf, RuleInputs, Threshold, back_words
 from stadimeter.core.conditions.limits import LimitsCondition
-from stadimeter.core.conditions.quantities import QUANTITIES
+from stadimeter.core.conditions.quantities import QUANTITIES, Uncertain
 from stadimeter.core.observation import WallTime
 from stadimeter.core.words import duration, figure_in_words, time_of_day
 

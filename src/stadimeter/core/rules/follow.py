@@ -14,8 +14,8 @@ from msgspec.structs import replace
 
 from stadimeter.core.alarms.alarm import OPEN, Gate, GatedStep
 from stadimeter.core.command import BaseReport, TwistCommand
-from stadimeter.core.conditions.evidence import quantity_of
 from stadimeter.core.conditions.leaf import RuleInputs, describe_unseen
+from stadimeter.core.conditions.quantities import quantity_of
 from stadimeter.core.decision import Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.measurement import Sighting, Track
 from stadimeter.core.plan import BaseOutput
@@ -663,13 +663,13 @@ def step_follow(
     twist: Twist | None = None
     tilt_radps, is_gentle, does = 0.0, False, ""
     search = None
-    if now.target is not None and _figures(inputs.tracks[rule.target]) is not None:
+    if now.target is not None and _drivable_sighting(inputs.tracks[rule.target]) is not None:
         seen = now.target.seen_from(own.ahead(_response_s(rule, now), commanded))
         law = _law(rule, now, base)
         twist = _follow(rule, now, seen, law, commanded)
         tilt_radps = tilt_rate_radps(rule, seen, law, _commanded_tilt_radps(inputs, base.name)) if base.tilts else 0.0
         is_gentle, does = seen.distance_m >= TOO_NEAR * rule.distance_m, KEEPS
-    else:
+    else:  # without a search the twist stays None: no request, and so `core.outputs` has the base stand still
         search, twist = _search(rule, now, own, inputs)
         does = "" if search is None else search.phase
     if twist is not None and now.origin is not None:
@@ -878,7 +878,7 @@ def _turning(search: SearchStep) -> str:
 
 def describe_follow(rule: FollowRule, step: FollowStep, track: Track) -> str:
     """Return why a follow rule does what it does, in words with figures."""
-    figures = _figures(track)
+    figures = _drivable_sighting(track)
     if figures is None:
         distance = quantity_of(track, "distance")
         unseen = f"{metres(*distance[:2])} is too unsure to drive by" if distance else describe_unseen(track)
@@ -901,7 +901,7 @@ def _searching(rule: FollowRule, step: FollowStep) -> str:
             return f"; it {_turning(step.search)}: {math.degrees(step.search.turned_rad):.0f}° so far"
 
 
-def _figures(track: Track) -> tuple[float, float, float] | None:
+def _drivable_sighting(track: Track) -> tuple[float, float, float] | None:
     """Return distance, its standard deviation and bearing; None while they cannot be acted on."""
     figures = quantity_of(track, "distance")
     if figures is None or track.bearing_rad is None or not math.isfinite(track.bearing_rad):

@@ -62,7 +62,7 @@ MAX_REJECTED = 8
 
 
 class BallOptions(DriverOptions):
-    """Options that a ``[targets.…]`` table with ``driver = "ball"`` may hold."""
+    """Options that a ``[targets.…]`` table with ``detector = "ball"`` may hold."""
 
     diameter: BallDiameter
     """The ball's diameter, such as ``"6.4 cm"``, or its name, such as ``"tennis ball"``."""

@@ -104,7 +104,7 @@ Shade = Literal["bright", "dark", "any"]
 
 
 class DiscOptions(DriverOptions):
-    """Options that a ``[targets.…]`` table with ``driver = "disc"`` may hold."""
+    """Options that a ``[targets.…]`` table with ``detector = "disc"`` may hold."""
 
     written_elsewhere: ClassVar[dict[str, str]] = ONE_OF_A_KIND
 

@@ -36,7 +36,7 @@ _LENGTHS: tuple[KnownLength, ...] = ("height", "width", "eye_distance")
 
 
 class ObjectOptions(DriverOptions):
-    """Options that a ``[targets.…]`` table with ``driver = "object"`` may hold."""
+    """Options that a ``[targets.…]`` table with ``detector = "object"`` may hold."""
 
     model: FilePath | None = None
     """The network: an ONNX file; None for the one that the camera runs on its sensor (``network`` in ``[camera]``)."""

@@ -64,7 +64,7 @@ def _or_by_name(schema: dict[str, Any]) -> None:
 
 
 class SheetOptions(DriverOptions):
-    """The options that a ``[targets.…]`` table with ``driver = "sheet"`` may hold."""
+    """The options that a ``[targets.…]`` table with ``detector = "sheet"`` may hold."""
 
     written_elsewhere: ClassVar[dict[str, str]] = ONE_OF_A_KIND
 

@@ -1,4 +1,4 @@
-"""The four sides of outlines, to a few hundredths of a pixel.
+"""The four sides and corners of outlines at sub-pixel accuracy: to a few hundredths of a pixel.
 
 Light is read along columns of pixels where a side is more horizontal and along rows where it is more vertical, so
 nothing is interpolated but the last step: where, between two neighbouring pixels, it passes half way from what is
@@ -203,7 +203,7 @@ class _Look(NamedTuple):
 
 
 def refine_corners(picture: SheetPicture, corners_px: Points, sigma_px: float) -> OutlineSides | None:
-    """Refine the corners of an outline: fit lines to the edges near its sides; None where it has none.
+    """Refine the corners of an outline to sub-pixel accuracy, by lines along its edges; None where it has none.
 
     Args:
         corners_px: About where the corners are, clockwise on the screen, shape ``(4, 2)``.
