@@ -148,8 +148,8 @@ def test_every_entity_of_every_kind_of_rule_is_accepted(orders, home, broker, tm
         "frame_rate", "latency", "temperature", "undelivered",
     }  # fmt: skip
     for key, component in announcement.components.items():
-        assert found[key]["entity_id"] == component.default_entity_id
-        assert found[key]["name"] == component.name
+        assert found[key]["entity_id"] == component["default_entity_id"]
+        assert found[key]["name"] == component["name"]
 
 
 RUN = (

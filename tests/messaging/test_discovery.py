@@ -12,11 +12,8 @@ from paho.mqtt import publish
 
 from stadimeter.core.home_assistant import (
     Announcement,
-    DiscoveryDevice,
+    Component,
     DiscoveryPlace,
-    EventEntity,
-    Origin,
-    Sensor,
     announce,
     announced_platforms,
 )
@@ -31,20 +28,14 @@ BIRTH = "homeassistant/status"
 RULE = Message(topic="rule/near/state", payload="near", qos=1, retain=True)
 
 
-def entity(kind: type[Any], key: str, **more: Any) -> Any:
-    return kind(unique_id=f"stadimeter_it_{key}", default_entity_id=f"x.{key}", name=key, qos=0, **more)
-
-
-def sensor(key: str) -> Sensor:
-    return entity(Sensor, key, state_topic=f"stadimeter/it/{key}", value_template="{{ value }}")  # type: ignore[no-any-return]
+def entity(platform: str, key: str) -> Component:
+    return {"platform": platform, "unique_id": f"stadimeter_it_{key}", "name": key, "state_topic": "x"}
 
 
 def announcement(*keys: str, **others: Any) -> Announcement:
     return Announcement(
         place=DiscoveryPlace(node="it", base="stadimeter/it", prefix="homeassistant"),
-        device=DiscoveryDevice(identifiers=("stadimeter_it",), name="it", manufacturer="x", model="x", sw_version="1"),
-        origin=Origin(name="x", sw_version="1", support_url="https://example.org"),
-        components={**{key: sensor(key) for key in keys}, **others},
+        components={**{key: entity("sensor", key) for key in keys}, **others},
     )
 
 
@@ -171,7 +162,7 @@ def test_what_somebody_else_left_in_its_place_is_replaced(kept, broker, make_mes
     events=st.sets(st.sampled_from("abcd")),
 )
 def test_exactly_what_is_gone_is_removed(before, now, events):
-    event = {key: entity(EventEntity, key, state_topic="x", event_types=("y",)) for key in events}
+    event = {key: entity("event", key) for key in events}
     earlier, later = announcement(*before), announcement(*now, **event)
     assert announced_platforms(earlier.message().payload.encode()) == earlier.platforms
     messages = list(announce(later, earlier.platforms, CONFIG))

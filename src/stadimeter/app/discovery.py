@@ -12,33 +12,15 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-import stadimeter
 from stadimeter.core import message as topics
 from stadimeter.core.alarms.machine import RuleThreshold, thresholds_of
 from stadimeter.core.decision import ALARM_EVENTS, Severity
-from stadimeter.core.home_assistant import (
-    Announcement,
-    AnyComponent,
-    BinarySensor,
-    ButtonEntity,
-    DiscoveryDevice,
-    DiscoveryPlace,
-    EventEntity,
-    ImageEntity,
-    Number,
-    Origin,
-    Sensor,
-    Switch,
-    Topic,
-    UpdateEntity,
-)
+from stadimeter.core.home_assistant import Announcement, Component, DiscoveryPlace
 from stadimeter.core.measurement import TrackStatus
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, gate_of
 from stadimeter.core.safety import could_let_act
 from stadimeter.operator_actions import SWITCHES, OperatorAction
-
-SUPPORT_URL = "https://github.com/stadimeter/stadimeter"
 
 # Two states in a row may be lost on the way before a figure is unavailable.
 TARGET_EXPIRES_S = int(3 * topics.TARGET_STATE.heartbeat_s)
@@ -77,25 +59,25 @@ def announcement(plan: Plan, place: DiscoveryPlace, orders: Iterable[str]) -> An
     found = [each for name in plan.targets for each in entities.of_target(name)]
     for rule in plan.rules:
         refused = _refused_orders(plan, rule.name) if _LETS_ACT not in orders else frozenset()
-        found += [each for each in entities.of_rule(rule) if each.order.rpartition("/")[2] not in refused]
+        ordered = {f"{place.base}/{topics.REQUEST.of(order)}" for order in refused}
+        found += [each for each in entities.of_rule(rule) if each.get("command_topic") not in ordered]
     found += entities.of_run()
     known = {f"{place.base}/{topic}" for topic in (*published, *orders)}
     return Announcement(
         place=place,
-        device=DiscoveryDevice(
-            identifiers=(place.device,),
-            name=f"Stadimeter {place.node}",
-            manufacturer="Stadimeter project",
-            model="Stadimeter",
-            sw_version=stadimeter.__version__,
-        ),
-        origin=Origin(name="stadimeter", sw_version=stadimeter.__version__, support_url=SUPPORT_URL),
         components={
-            each.unique_id.removeprefix(f"{place.device}_"): each
+            each["unique_id"].removeprefix(f"{place.device}_"): each
             for each in found
-            if known.issuperset(filter(None, (*each.states, each.order)))
+            if known.issuperset(_topics_of(each))
         },
     )
+
+
+def _topics_of(component: Component) -> Iterator[str]:
+    """Yield the topics that an entity shows, and to which it sends."""
+    keys = ("state_topic", "json_attributes_topic", "image_topic", "command_topic")
+    yield from (component[key] for key in keys if key in component)
+    yield from (each["topic"] for each in component.get("availability", ()))
 
 
 def _refused_orders(plan: Plan, rule: str) -> frozenset[str]:
@@ -114,7 +96,7 @@ class _Entities:
     def __init__(self, place: DiscoveryPlace) -> None:
         self._place = place
 
-    def of_target(self, target: str) -> Iterator[AnyComponent]:
+    def of_target(self, target: str) -> Iterator[Component]:
         """Yield what is shown of a target: nothing while the camera is silent."""
         topic, shown = self._topic(topics.TARGET_STATE.of(target)), _title(target)
         common: dict[str, Any] = {
@@ -124,35 +106,39 @@ class _Entities:
         }
         figure: dict[str, Any] = {"state_class": "measurement", **common}
         metres = {"device_class": "distance", "unit_of_measurement": "m", **figure}
-        yield Sensor(
-            **self._named("sensor", "distance", target, f"{shown} distance"),
+        yield self._entity(
+            "sensor", "distance", target, f"{shown} distance",
             value_template=_value("distance_m"), suggested_display_precision=2, **metres,
         )  # fmt: skip
-        yield Sensor(
-            **self._named("sensor", "sigma", target, f"{shown} distance uncertainty (1σ)", category="diagnostic"),
+        yield self._entity(
+            "sensor", "sigma", target, f"{shown} distance uncertainty (1σ)", entity_category="diagnostic",
             value_template=_value("sigma_m"), suggested_display_precision=3, **metres,
         )  # fmt: skip
-        yield Sensor(
-            **self._named("sensor", "closing_speed", target, f"{shown} closing speed"),
+        yield self._entity(
+            "sensor", "closing_speed", target, f"{shown} closing speed",
             value_template=_value("closing_mps"), suggested_display_precision=2,
             device_class="speed", unit_of_measurement="m/s", **figure,
         )  # fmt: skip
-        yield Sensor(
-            **self._named("sensor", "status", target, f"{shown} status"),
+        yield self._entity(
+            "sensor", "status", target, f"{shown} status",
             value_template=_value("status"), device_class="enum", options=tuple(TrackStatus), **common,
         )  # fmt: skip
-        yield BinarySensor(
-            **self._named("binary_sensor", "presence", target, f"{shown} in sight"),
+        yield self._entity(
+            "binary_sensor", "presence", target, f"{shown} in sight",
             value_template="{{ 'ON' if value_json.status in ['tracking', 'coasting'] else 'OFF' }}",
             device_class="occupancy", **common,
         )  # fmt: skip
 
-    def of_rule(self, rule: AnyRule) -> Iterator[AnyComponent]:
+    def of_rule(self, rule: AnyRule) -> Iterator[Component]:
         """Yield whether a rule is active, and what people may do to it."""
         topic, name = self._topic(topics.RULE_STATE.of(rule.name)), rule.name
         attributes = ", ".join(f"'{key}': value_json.{key}" for key in _ATTRIBUTES)
-        yield BinarySensor(
-            **self._named("binary_sensor", "rule", name, _title(name), qos=1),
+        yield self._entity(
+            "binary_sensor",
+            "rule",
+            name,
+            _title(name),
+            qos=1,
             state_topic=topic,
             value_template="{{ {true: 'ON', false: 'OFF'}.get(value_json.active) }}",
             device_class=_DEVICE_CLASSES.get(rule.severity, "") if isinstance(rule, AlarmRule) else "running",
@@ -167,23 +153,23 @@ class _Entities:
             yield self._switch(name, "in-service", "in_service", "in service")
             yield self._switch(name, "observed", "observed", "observed only")
 
-    def of_run(self) -> Iterator[AnyComponent]:
+    def of_run(self) -> Iterator[Component]:
         """Yield what is not of one target or rule."""
-        yield EventEntity(
-            **self._named("event", "alarm", "", "Alarm", qos=1),
+        yield self._entity(
+            "event", "alarm", "", "Alarm", qos=1,
             state_topic=self._topic(topics.ALARM_EVENT.path), event_types=tuple(ALARM_EVENTS),
         )  # fmt: skip
         yield self._button(OperatorAction.STOP_OUTPUTS, "", "Stop all outputs", {})
-        yield ButtonEntity(
-            **self._named("button", "take_snapshot", "", "Take a picture", qos=1),
+        yield self._entity(
+            "button", "take_snapshot", "", "Take a picture", qos=1,
             command_topic=self._topic(_TAKE_SNAPSHOT), payload_press="{}",
         )  # fmt: skip
-        yield ImageEntity(
-            **self._named("image", "snapshot", "", "Picture"),
+        yield self._entity(
+            "image", "snapshot", "", "Picture",
             image_topic=self._topic(topics.SNAPSHOT.path), content_type="image/jpeg",
         )  # fmt: skip
-        yield UpdateEntity(
-            **self._named("update", "software", "", "Software", qos=1, category="diagnostic"),
+        yield self._entity(
+            "update", "software", "", "Software", qos=1, entity_category="diagnostic",
             state_topic=self._topic(topics.INFO.path), value_template="{{ value_json.version }}", title="stadimeter",
             latest_version_topic=f"{self._place.base.partition('/')[0]}/{_LATEST_VERSION}",
         )  # fmt: skip
@@ -198,7 +184,7 @@ class _Entities:
         )  # fmt: skip
         yield self._diagnostic("undelivered", "Messages not delivered", "undelivered", **_MEASURED)
 
-    def _buttons(self, rule: AlarmRule) -> Iterator[ButtonEntity]:
+    def _buttons(self, rule: AlarmRule) -> Iterator[Component]:
         name = rule.name
         if rule.ack == "required":
             yield self._button(OperatorAction.ACKNOWLEDGE, name, f"{_title(name)}: acknowledge", {})
@@ -210,17 +196,26 @@ class _Entities:
             yield self._button(OperatorAction.SHELVE, name, words, {"for_s": for_s})
             yield self._button(OperatorAction.UNSHELVE, name, f"{_title(name)}: unshelve", {})
 
-    def _button(self, action: OperatorAction, rule: str, words: str, more: Mapping[str, object]) -> ButtonEntity:
-        return ButtonEntity(
-            **self._named("button", action.value.replace("-", "_"), rule, words, qos=1),
+    def _button(self, action: OperatorAction, rule: str, words: str, more: Mapping[str, object]) -> Component:
+        return self._entity(
+            "button",
+            action.value.replace("-", "_"),
+            rule,
+            words,
+            qos=1,
             command_topic=self._topic(topics.REQUEST.of(action.value)),
             payload_press=json.dumps({**({"rule": rule} if rule else {}), **more}),
         )
 
-    def _switch(self, rule: str, order: str, key: str, words: str) -> Switch:
+    def _switch(self, rule: str, order: str, key: str, words: str) -> Component:
         """Return a switch of a rule. Home Assistant sends both states to one topic, so there is one order for them."""
-        return Switch(
-            **self._named("switch", key, rule, f"{_title(rule)} {words}", qos=1, category="config"),
+        return self._entity(
+            "switch",
+            key,
+            rule,
+            f"{_title(rule)} {words}",
+            qos=1,
+            entity_category="config",
             state_topic=self._topic(topics.RULE_SETTINGS.of(rule)),
             value_template=f"{{{{ {{true: 'ON', false: 'OFF'}}.get(value_json.{key}) }}}}",
             command_topic=self._topic(topics.REQUEST.of(order)),
@@ -230,10 +225,15 @@ class _Entities:
             state_off="OFF",
         )
 
-    def _threshold(self, rule: str, key: str, found: RuleThreshold) -> Number:
+    def _threshold(self, rule: str, key: str, found: RuleThreshold) -> Component:
         order = f'{{"rule": {json.dumps(rule)}, "key": {json.dumps(key)}, "value": {{{{ value }}}}}}'
-        return Number(
-            **self._named("number", f"threshold_{key}", rule, f"{_title(rule)} {key}", qos=1, category="config"),
+        return self._entity(
+            "number",
+            f"threshold_{key}",
+            rule,
+            f"{_title(rule)} {key}",
+            qos=1,
+            entity_category="config",
             state_topic=self._topic(topics.RULE_SETTINGS.of(rule)),
             value_template=f"{{{{ value_json.thresholds['{key}'].value }}}}",
             command_topic=self._topic(topics.REQUEST.of("set-threshold")),
@@ -246,9 +246,13 @@ class _Entities:
             device_class={"m": "distance", "m/s": "speed", "s": "duration"}.get(found.unit, ""),
         )
 
-    def _diagnostic(self, what: str, words: str, key: str, **more: Any) -> Sensor:
-        return Sensor(
-            **self._named("sensor", what, "", words, category="diagnostic"),
+    def _diagnostic(self, what: str, words: str, key: str, **more: Any) -> Component:
+        return self._entity(
+            "sensor",
+            what,
+            "",
+            words,
+            entity_category="diagnostic",
             state_topic=self._topic(topics.HEALTH.path),
             value_template=_value(key),
             expire_after=HEALTH_EXPIRES_S,
@@ -256,21 +260,22 @@ class _Entities:
             **more,
         )
 
-    def _named(
-        self, platform: str, what: str, of: str, words: str, *, qos: int = 0, category: str = ""
-    ) -> dict[str, Any]:
+    def _entity(self, platform: str, what: str, of: str, words: str, **keys: Any) -> Component:
+        """Return an entity with these keys. It has no key that is empty: Home Assistant would take that for a value."""
         name = f"{what}_{of}" if of else what
-        return {
+        entity = {
+            "platform": platform,
             "unique_id": f"{self._place.device}_{name}",
             "default_entity_id": f"{platform}.{_slug(self._place.node)}_{_slug(name)}",
             "name": words,
-            "qos": qos,
-            "entity_category": category,
+            "qos": 0,
+            **keys,
         }
+        return {key: value for key, value in entity.items() if value != ""}
 
     def _available(self, also: str) -> dict[str, Any]:
         needed = (topics.AVAILABILITY.path, also)
-        return {"availability": tuple(Topic(topic=self._topic(each)) for each in needed), "availability_mode": "all"}
+        return {"availability": [{"topic": self._topic(each)} for each in needed], "availability_mode": "all"}
 
     def _topic(self, below: str) -> str:
         return f"{self._place.base}/{below}"
