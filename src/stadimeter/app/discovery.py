@@ -134,10 +134,7 @@ class _Entities:
         topic, name = self._topic(topics.RULE_STATE.of(rule.name)), rule.name
         attributes = ", ".join(f"'{key}': value_json.{key}" for key in _ATTRIBUTES)
         yield self._entity(
-            "binary_sensor",
-            "rule",
-            name,
-            _title(name),
+            "binary_sensor", "rule", name, _title(name),
             qos=1,
             state_topic=topic,
             value_template="{{ {true: 'ON', false: 'OFF'}.get(value_json.active) }}",
@@ -145,7 +142,7 @@ class _Entities:
             json_attributes_topic=topic,
             json_attributes_template=f"{{{{ {{{attributes}}} | tojson if value_json is defined else '{{}}' }}}}",
             **self._available(topics.RULE_AVAILABILITY.of(name)),
-        )
+        )  # fmt: skip
         alarm = gate_of(rule)
         yield from self._buttons(alarm)
         if rule.severity is not Severity.SAFETY:
@@ -198,22 +195,16 @@ class _Entities:
 
     def _button(self, action: OperatorAction, rule: str, words: str, more: Mapping[str, object]) -> Component:
         return self._entity(
-            "button",
-            action.value.replace("-", "_"),
-            rule,
-            words,
+            "button", action.value.replace("-", "_"), rule, words,
             qos=1,
             command_topic=self._topic(topics.REQUEST.of(action.value)),
             payload_press=json.dumps({**({"rule": rule} if rule else {}), **more}),
-        )
+        )  # fmt: skip
 
     def _switch(self, rule: str, order: str, key: str, words: str) -> Component:
         """Return a switch of a rule. Home Assistant sends both states to one topic, so there is one order for them."""
         return self._entity(
-            "switch",
-            key,
-            rule,
-            f"{_title(rule)} {words}",
+            "switch", key, rule, f"{_title(rule)} {words}",
             qos=1,
             entity_category="config",
             state_topic=self._topic(topics.RULE_SETTINGS.of(rule)),
@@ -223,15 +214,12 @@ class _Entities:
             payload_off=json.dumps({"rule": rule, "value": False}),
             state_on="ON",
             state_off="OFF",
-        )
+        )  # fmt: skip
 
     def _threshold(self, rule: str, key: str, found: RuleThreshold) -> Component:
         order = f'{{"rule": {json.dumps(rule)}, "key": {json.dumps(key)}, "value": {{{{ value }}}}}}'
         return self._entity(
-            "number",
-            f"threshold_{key}",
-            rule,
-            f"{_title(rule)} {key}",
+            "number", f"threshold_{key}", rule, f"{_title(rule)} {key}",
             qos=1,
             entity_category="config",
             state_topic=self._topic(topics.RULE_SETTINGS.of(rule)),
@@ -244,21 +232,18 @@ class _Entities:
             mode="box",
             unit_of_measurement=found.unit,
             device_class={"m": "distance", "m/s": "speed", "s": "duration"}.get(found.unit, ""),
-        )
+        )  # fmt: skip
 
     def _diagnostic(self, what: str, words: str, key: str, **more: Any) -> Component:
         return self._entity(
-            "sensor",
-            what,
-            "",
-            words,
+            "sensor", what, "", words,
             entity_category="diagnostic",
             state_topic=self._topic(topics.HEALTH.path),
             value_template=_value(key),
             expire_after=HEALTH_EXPIRES_S,
             enabled_by_default=False,
             **more,
-        )
+        )  # fmt: skip
 
     def _entity(self, platform: str, what: str, of: str, words: str, **keys: Any) -> Component:
         """Return an entity with these keys. It has no key that is empty: Home Assistant would take that for a value."""
