@@ -97,7 +97,6 @@ def test_what_was_there_is_kept_as_a_version(tmp_path: Path) -> None:
     ("answers", "words"),
     [
         ({"targt": "ball"}, "there is no such question (did you mean 'target'?)"),
-        ({"wish": "near"}, "there is no such question (write recipe)"),
         ({"target": "disc", "size": "20 m"}, "did you mean millimetres or inches?"),
         ({"target": "disc", "size": "20 cm", "near_output": "buzzer 99"}, "not a pin"),
         ({"camera": "no-such.png"}, "no-such.png"),

@@ -154,11 +154,6 @@ MISPLACED = [
     ('when = { below = "1 m" }\ndebounce = "1 s"', "debounce", 'write on_delay = "2 s"'),
     ('below = "1 m"', "below", 'write it inside when, such as when = { below = "50 cm" }'),
     ('when = { height = { above = "1 m" } }', "when.height", 'write place = { axis = "height", above = … }'),
-    ('when = { still_for = "1 min" }', "when.still_for", 'write still = { for = "10 min" }'),
-    ('when = { lost_for = "1 min" }', "when.lost_for", 'write lost = "5 min"'),
-    ('when = { battery_below = "1 V" }', "when.battery_below", 'write base = { battery_below = "11 V" }'),
-    ('when = { further_than = "tag" }', "when.further_than", 'write { target = "tag", nearer_than = "ball" }'),
-    ('when = { below = "1 m" }\nthen = []', "then", "it is called escalation: [[rules.NAME.escalation]]"),
     ('ramp = { from = "2 m", to = "1 m" }\nlevle = 1', "levle", "did you mean 'level'"),
 ]
 

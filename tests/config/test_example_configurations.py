@@ -11,8 +11,7 @@ from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.plugins import BASES, driver_names
 from stadimeter.core.rule import AlarmRule, RampRule
-from stadimeter.errors import ConfigError
-from support.ready_bases import FOLLOW_BALL, READY, follow_ball
+from support.ready_bases import READY, follow_ball
 
 FOLDER = Path(__file__).parents[2] / "config"
 FILES = sorted(FOLDER.glob("*.toml"))
@@ -59,13 +58,6 @@ def test_the_example_has_every_base_ready_that_is_one_board() -> None:
     """A protocol of one's own has no usual lines, a bridge to ROS is another program's, and a servo drives nowhere."""
     others = {"simulated", "ascii", "pan-servo", *(name for name in driver_names(BASES) if name.startswith("ros2"))}
     assert set(READY) == set(driver_names(BASES)) - others
-
-
-def test_a_table_for_each_of_several_bases_is_refused_with_what_to_write(tmp_path: Path) -> None:
-    path = tmp_path / "follow.toml"
-    path.write_text(f'{FOLLOW_BALL}[base.pca9685]\nboard = "jetbot"\n', encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"unknown key 'pca9685' \(write its keys in \[base\] itself"):
-        load_configuration(path)
 
 
 # A configuration says in plain sentences what it does, with the right figures.

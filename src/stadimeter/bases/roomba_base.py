@@ -175,10 +175,6 @@ class RoombaOptions(SerialBaseOptions):
         "and people"
     )
 
-    written_elsewhere: ClassVar = SerialBaseOptions.written_elsewhere | {
-        "model": "leave it out: the first Create is not driven, all others are alike"
-    }
-
     track_width: Length = 0.235
     """Distance between the middles of the two driven wheels."""
 

@@ -311,11 +311,6 @@ class WebTable(Section):
 class TrackingTable(Section):
     """The way targets are tracked; see `stadimeter.core.plan.Tracking`."""
 
-    written_elsewhere: ClassVar[dict[str, str]] = {
-        "correlation": "it is called autocorrelation",
-        **dict.fromkeys(("gate_sigmas", "outliers_max", "noise_factor_max"), "leave it out: it is fixed"),
-    }
-
     acceleration_mps2: Acceleration = Field(default=_TRACKING.acceleration_mps2, alias="acceleration")
     """In m/s²."""
     autocorrelation: Annotated[float, Field(ge=0, lt=1)] = _TRACKING.autocorrelation

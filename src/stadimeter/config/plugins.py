@@ -51,18 +51,6 @@ class OptionsTable(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
 
-# Bases that once had tables of their own in the configuration.
-_BASES_IN_TABLES = (
-    "ascii", "gpio-motors", "hoverboard", "pan-servo", "pca9685", "roboclaw", "roomba", "ros-arduino-bridge",
-    "ros2-rosbridge", "sabertooth", "simulated", "waveshare-ugv",
-)  # fmt: skip
-
-# Options that once could be tuned.
-_FIXED = (
-    "keepalive", "slowest", "fastest", "beep", "kick", "on_at", "pose_bearing_sigma", "queue", "history", "retry_for",
-)  # fmt: skip
-
-
 class DriverOptions(OptionsTable):
     """A driver as its entry point names it: the options of its table in the configuration, which build the driver.
 
@@ -85,14 +73,8 @@ class DriverOptions(OptionsTable):
             for a 3.3 V signal.
     """
 
-    written_elsewhere: ClassVar[dict[str, str]] = {
-        "max_closing_speed": "leave it out: `check` asks for no speeds",
-        **dict.fromkeys(_FIXED, "leave it out: it is fixed"),
-        "combine": "leave it out: of rules of one priority the slower of each speed counts",
-        "birth_topic": "leave it out: it is status below discovery_prefix",
-        **dict.fromkeys(_BASES_IN_TABLES, "write its keys in [base] itself, beside driver"),
-    }
-    """Keys that no driver has any more, and what to do instead."""
+    written_elsewhere: ClassVar[dict[str, str]] = {}
+    """Keys that people try here, and what to write in their place."""
 
     needs_world: ClassVar[bool] = False
     needs_pixels: ClassVar[bool] = True

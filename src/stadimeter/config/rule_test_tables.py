@@ -2,7 +2,7 @@
 
 import datetime as dt
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -88,12 +88,6 @@ class LevelAtTable(Section):
 
 class ExpectTable(Section):
     """The state expected of a rule or of an output. Times are in seconds from the start of the test."""
-
-    written_elsewhere: ClassVar[dict[str, str]] = {
-        "transitions_per_min_max": "write transitions_max, for the whole test",
-        "notified": "write sent, or raised",
-        "speed_reaches": "write acts_at, with a time",
-    }
 
     raised: Count | None = None
     """How often the rule is raised, exactly."""
@@ -336,11 +330,6 @@ class MotionTable(Section):
 
 class OperatorTable(Section):
     """An operator command at some time."""
-
-    written_elsewhere: ClassVar[dict[str, str]] = {
-        **{action.replace("-", "_"): f'write do = "{action}", rule = "NAME"' for action in OperatorAction},
-        **dict.fromkeys(("by", "why", "one_shot"), "leave it out: it changes no test"),
-    }
 
     at: Duration
     """In seconds from the start of the test."""

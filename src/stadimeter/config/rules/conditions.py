@@ -278,10 +278,6 @@ class SeparationTable(QuantityTable[units.Length, units.LengthOrZero], Likelihoo
 class ContactTable(LikelihoodTable):
     """A condition on how soon a target will be here, if it goes on as it does."""
 
-    written_elsewhere: ClassVar[dict[str, str]] = dict.fromkeys(
-        ("min_closing_speed", "speed_sigmas"), "leave it out: it is fixed"
-    )
-
     below: DurationAboveZero
     """In seconds."""
     contact: units.LengthOrZero = _CONTACT.contact_m
@@ -653,23 +649,6 @@ def _of_base(base: Any) -> Condition:
 # The table of a condition ---------------------------------------------------------------------------
 
 
-# Keys that a condition no longer has, and what says the same.
-LEFT = {
-    **{axis: f'write place = {{ axis = "{axis}", above = … }}, or below, or between' for axis in AXES},
-    "further_than": 'write { target = "tag", nearer_than = "ball" }',
-    "right_of": 'write { target = "tag", left_of = "ball" }',
-    "lower_than": 'write { target = "tag", higher_than = "ball" }',
-    "seen_for": 'write seen = "5 s"',
-    "lost_for": 'write lost = "5 min"',
-    "still_for": 'write still = { for = "10 min" }',
-    "still_within": 'write still = { for = "10 min", within = "10 cm" }',
-    "sideways_speed": 'write speed = { axis = "sideways", above = … }, or below, or between',
-    "bumped": 'write base = "bumped"',
-    "at_cliff": 'write base = "at_cliff"',
-    "battery_below": 'write base = { battery_below = "11 V" }',
-}
-
-
 class Kind(NamedTuple):
     """A kind of condition, in the annotation of its key.
 
@@ -719,7 +698,7 @@ class WhenTable(LimitsTable, LikelihoodTable):
         "on_delay": "write it beside when",
         "off_delay": "write it beside when",
         "hysteresis": "it is called deadband",
-        **LEFT,
+        **{axis: f'write place = {{ axis = "{axis}", above = … }}, or below, or between' for axis in AXES},
     }
     needs_limit: ClassVar[bool] = False
 

@@ -256,10 +256,6 @@ class RuleCommon(TypedDict):
 class SearchTable(Section):
     """The way a base turns to find its target; see `stadimeter.core.rule.Search`."""
 
-    written_elsewhere: ClassVar[dict[str, str]] = dict.fromkeys(
-        ("turn_rate", "look", "hidden"), "leave it out: it is fixed"
-    )
-
     angle_rad: AngleOrZero = Field(default=_SEARCH.angle_rad, alias="angle")
     """In radians; it turns no further."""
     for_s: DurationAboveZero = Field(default=_SEARCH.for_s, alias="for")
@@ -529,9 +525,6 @@ class RuleTable(Section):
         ),
         **dict.fromkeys(("deadband", "hysteresis"), 'write deadband inside when: { below = "1 m", deadband = "5 cm" }'),
         **dict.fromkeys(("delay", "debounce", "for"), 'write on_delay = "2 s", or off_delay'),
-        "delay_tolerance": "leave it out: one frame, or 150 ms, to the contrary starts no delay over",
-        "lost_for": 'write when = { lost = "5 min" }',
-        "then": "it is called escalation: [[rules.NAME.escalation]]",
         **dict.fromkeys(("topic", "text", "message"), "write it in a step: [[rules.NAME.escalation]]"),
         "distance": 'write follow = { distance = "1 m" }, or when = { below = "1 m" }',
     }

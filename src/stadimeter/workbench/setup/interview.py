@@ -154,23 +154,13 @@ def answer_keys() -> tuple[str, ...]:
     return tuple(dict.fromkeys(step.key for step in (*_FIRST, *of_kinds, *steps)))
 
 
-# Keys that were questions of `init`, and what answers them otherwise.
-LEFT = {
-    "wish": "write recipe",
-    **dict.fromkeys(("closer_tag", "permit_tag", "slow_tag"), "write closer_number and closer_side, and so for others"),
-    "dark_place": "write dark_north and dark_east",
-    "proof": "write both distances into `calibration`, as pictures: near.jpg@1m far.jpg@3m",
-    **dict.fromkeys(("way", "way_2", "way_3"), "`stadimeter calibrate size` learns the size of a target"),
-}
-
-
 def check_keys(answers: Mapping[str, str], file: str) -> None:
     """Raise a `ConfigError` for answers to questions that do not exist."""
     known = answer_keys()
     unknown = [key for key in answers if key not in known]
     if unknown:
         raise ConfigError(
-            Problem("there is no such question", file, key=key, hint=LEFT.get(key) or did_you_mean_or_list(key, known))
+            Problem("there is no such question", file, key=key, hint=did_you_mean_or_list(key, known))
             for key in unknown
         )
 
