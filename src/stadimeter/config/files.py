@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import secrets
 import stat
-import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 import errno
-import fcntl
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 
@@ -145,29 +144,15 @@ KINDS = "JPEG, PNG, BMP, TIFF, WebP, PBM, PGM or PPM"
 HEAD_BYTES = 12
 
 _JPEG_START = b"\xff\xd8"
-_JPEG_END = 0xD9
-_JPEG_SCAN = 0xDA
-_JPEG_WITHOUT_LENGTH = (0x01, 0xD8)
-# Inside compressed data FF is followed by 00 or by a restart marker, D0 to D7; FF before a marker is padding.
-# Progressive pictures have about ten. Each costs a pass over all pixels, and may be as short as a dozen bytes.
-_JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
-_JPEG_SCANS_MAX = 100
+_PNG_START = b"\x89PNG\r\n\x1a\n"
 # libjpeg's warning about the filling that some USB cameras put before the end marker: all pixels are there.
 JPEG_FILLED = re.compile(r"[1-8] extraneous bytes before marker 0xd9")
 
-# Chunks of remarks, colour profiles and animations. A thousand remarks of 8 MB each may be packed into a few MB.
-_PNG_START = b"\x89PNG\r\n\x1a\n"
-_PNG_NOT_PICTURE = frozenset({b"tEXt", b"zTXt", b"iTXt", b"iCCP", b"acTL", b"fcTL", b"fdAT"})
+# The last chunk of a PNG, with the CRC of nothing (Portable Network Graphics specification, 11.2.5).
+_PNG_END = b"IEND\xaeB`\x82"
 
-# A tile or strip is decoded as a whole, however little of it the picture shows, and with up to 8 bytes a pixel.
-_TIFF_ORDERS = {b"II*\0": "<", b"MM\0*": ">"}
-_TIFF_SIZES = _WIDTH, _HEIGHT, _STRIP_HEIGHT, _TILE_WIDTH, _TILE_HEIGHT = 256, 257, 278, 322, 323
-_TIFF_NUMBERS = {3: "H", 4: "L"}
-_TIFF_PIECE_MAX_PIXELS = 16_000_000
-
-_WEBP_ANIMATED = 0x02
-_CUT_SHORT = "is cut short: its end is missing; copy it again"
-_STARTS = (_JPEG_START, _PNG_START, b"BM", *_TIFF_ORDERS, b"RIFF", *(b"P%d" % kind for kind in range(1, 7)))
+_TIFF_STARTS = (b"II*\0", b"MM\0*")
+_STARTS = (_JPEG_START, _PNG_START, b"BM", *_TIFF_STARTS, b"RIFF", *(b"P%d" % kind for kind in range(1, 7)))
 
 
 def is_picture(head: bytes) -> bool:
@@ -195,34 +180,6 @@ def holds_video(path: Path) -> bool:
         return False
 
 
-def checked_picture(data: bytes) -> bytes:
-    """Return the bytes to be decoded: a whole picture, in which nothing asks for more than its pixels need.
-
-    A JPEG or PNG that was cut short is refused, and a JPEG that lacks something inside; the decoders of the other kinds
-    refuse them by themselves.
-
-    Returns:
-        The same without remarks, colour profiles and animations that need more than they seem to.
-
-    Raises:
-        PictureError: It is cut short, damaged, or asks for more; the message goes on after the name of the picture.
-    """
-    why = ""
-    if data.startswith(_JPEG_START):
-        why = _why_no_jpeg(data)
-    elif data.startswith(_PNG_START):
-        chunks = list(_png_chunks(data))
-        why = "" if chunks and chunks[-1][0] == b"IEND" else _CUT_SHORT
-        data = _PNG_START + b"".join(data[begin:end] for kind, begin, end in chunks if kind not in _PNG_NOT_PICTURE)
-    elif data[:4] in _TIFF_ORDERS:
-        why = _why_no_tiff(data)
-    elif data[12:16] == b"VP8X" and data[20:21] and data[20] & _WEBP_ANIMATED:
-        why = "is an animation"
-    if why:
-        raise PictureError(why)
-    return data
-
-
 def decode_picture(data: bytes) -> NDArray[np.uint8]:
     """Decode a picture as 8 bits a channel, blue first, upright as its EXIF data say, if all of it is there.
 
@@ -232,8 +189,9 @@ def decode_picture(data: bytes) -> NDArray[np.uint8]:
     import cv2  # noqa: PLC0415 - most commands read no picture
     import numpy as np  # noqa: PLC0415
 
+    _refuse_damaged(data)
     try:
-        image = cv2.imdecode(np.frombuffer(checked_picture(data), np.uint8), cv2.IMREAD_COLOR)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     except cv2.error as error:
         if "CV_IO_MAX_IMAGE" in error.err:
             most = f"{PICTURE_MAX_PIXELS / 1e6:.0f} megapixels, the most that is read"
@@ -244,18 +202,16 @@ def decode_picture(data: bytes) -> NDArray[np.uint8]:
     return np.asarray(image, np.uint8)
 
 
-def _why_no_jpeg(data: bytes) -> str:
-    codes = list(_jpeg_codes(data))
-    if codes.count(_JPEG_SCAN) > _JPEG_SCANS_MAX:
-        return f"has more than {_JPEG_SCANS_MAX} scans, which no camera writes"
-    return _jpeg_damage(data) if _JPEG_END in codes else _CUT_SHORT
+def _refuse_damaged(data: bytes) -> None:
+    """Raise `PictureError` for a JPEG or PNG of which something is missing; other kinds are not decoded then anyway.
 
-
-def _jpeg_damage(data: bytes) -> str:
-    """Return the warning of libjpeg, where OpenCV fills in what is missing: the last block, or grey, to the end.
-
-    Grey at an eighth of the size takes a third to a half of the time of decoding, and all of the code is read.
+    OpenCV fills in what is missing: the last block, or grey, to the end. Grey at an eighth of the size takes a third to
+    a half of the time of decoding, and all of the code is read.
     """
+    if data.startswith(_PNG_START) and _PNG_END not in data:
+        raise PictureError("is cut short: its end is missing; copy it again")
+    if not data.startswith(_JPEG_START):
+        return
     import simplejpeg  # noqa: PLC0415 - most commands read no JPEG
 
     try:
@@ -264,60 +220,7 @@ def _jpeg_damage(data: bytes) -> str:
             simplejpeg.decode_jpeg(data, "CMYK" if colours in {"CMYK", "YCCK"} else "GRAY", min_factor=8)
     except ValueError as error:
         if not JPEG_FILLED.search(str(error)):
-            return f"is damaged inside ({error}); copy it again"
-    return ""
-
-
-def _jpeg_codes(data: bytes) -> Iterator[int]:
-    """Walk the segments to the end marker and yield the code of each (ITU-T T.81, annex B).
-
-    Looking for the last two bytes is not enough: a thumbnail inside the file has an end marker of its own, and some
-    cameras write more after the picture's end.
-    """
-    at = len(_JPEG_START)
-    while marker := _JPEG_MARKER.search(data, at):
-        at = marker.end()
-        code = data[at - 1]
-        yield code
-        if code == _JPEG_END:
-            return
-        if code not in _JPEG_WITHOUT_LENGTH:
-            at += int.from_bytes(data[at : at + 2], "big")
-
-
-def _png_chunks(data: bytes) -> Iterator[tuple[bytes, int, int]]:
-    """Yield kind, begin and end of each whole chunk, to ``IEND`` (Portable Network Graphics specification, 5.3)."""
-    at = len(_PNG_START)
-    while at + 12 <= len(data):
-        following = at + 12 + int.from_bytes(data[at : at + 4], "big")
-        kind = data[at + 4 : at + 8]
-        if following > len(data):
-            return
-        yield kind, at, following
-        if kind == b"IEND":
-            return
-        at = following
-
-
-def _why_no_tiff(data: bytes) -> str:
-    """Name the fault of the first directory of a TIFF (TIFF 6.0, sections 2 and 15), or return an empty string."""
-    order = _TIFF_ORDERS[data[:4]]
-    sizes: dict[int, int] = {}
-    try:
-        (directory,) = struct.unpack_from(f"{order}L", data, 4)
-        (count,) = struct.unpack_from(f"{order}H", data, directory)
-        for at in range(directory + 2, directory + 2 + 12 * count, 12):
-            tag, kind, values = struct.unpack_from(f"{order}HHL", data, at)
-            if tag in _TIFF_SIZES:
-                (number,) = struct.unpack_from(order + _TIFF_NUMBERS[kind], data, at + 8)
-                sizes[tag] = max(number * values, sizes.get(tag, 0))
-    except (struct.error, KeyError):  # another type than the specification has
-        return "is damaged: its directory cannot be read; copy it again"
-    strip_height = min(sizes.get(_HEIGHT, 0), sizes.get(_STRIP_HEIGHT, 2**32))
-    piece = sizes.get(_TILE_WIDTH, sizes.get(_WIDTH, 0)) * sizes.get(_TILE_HEIGHT, strip_height)
-    if piece > _TIFF_PIECE_MAX_PIXELS:
-        return f"has a tile or strip of more than {_TIFF_PIECE_MAX_PIXELS / 1e6:.0f} megapixels"
-    return ""
+            raise PictureError(f"is cut short or damaged inside ({error}); copy it again") from error
 
 
 def sha256_of(text: str) -> str:
@@ -332,8 +235,7 @@ def write_atomically(path: Path, data: bytes, like: Path | None = None) -> None:
     """Write or replace a file, or leave what was there as it was: never half a file, not even after a power cut.
 
     The bytes go to a hidden file beside it, which takes its name once they are on the disk. A cut may leave that hidden
-    file behind; the next save uses it again. The file keeps its owner and mode. A link stays a link: the file that it
-    leads to is replaced.
+    file behind. The file keeps its owner and mode. A link stays a link: the file that it leads to is replaced.
 
     Args:
         like: The file whose owner and mode it gets; None for those that it has.
@@ -356,25 +258,21 @@ def write_all_atomically(files: Mapping[Path, bytes], like: Path | None = None) 
     Raises:
         OSError: One of them cannot be written there.
     """
-    places = {path: Path(os.path.realpath(path)) for path in files}
-    temporary = {path: place.with_name(f".{place.name}.part") for path, place in places.items()}
-    with ExitStack() as closing:
-        opened: dict[Path, BinaryIO] = {}
-        try:
-            for place in places.values():
-                _refuse_other_than_file(place)
-            for path in sorted(files, key=places.__getitem__):  # every saver's order, so that no two block each other
-                opened[path] = closing.enter_context(_open_locked(temporary[path]))
-            for path, data in files.items():
-                _fill(opened[path], data, like or places[path])
-            for path, place in places.items():
-                temporary[path].replace(place)
-                del opened[path]  # the hidden name is free again: another saver may have it by now
-                _sync_folder(place.parent)
-        except BaseException:
-            for path in opened:
-                temporary[path].unlink(missing_ok=True)
-            raise
+    places = {Path(os.path.realpath(path)): data for path, data in files.items()}
+    hidden = {place: place.with_name(f".{place.name}.{secrets.token_hex(4)}.part") for place in places}
+    with ExitStack() as at_end:
+        for place in places:
+            _refuse_other_than_file(place)
+        for place, data in places.items():
+            at_end.callback(hidden[place].unlink, missing_ok=True)
+            with hidden[place].open("xb") as file:
+                _take_after(like or place, file.fileno())
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+        for place in places:
+            hidden[place].replace(place)
+            _sync_folder(place.parent)
 
 
 def append_whole(path: Path, data: bytes, *, is_lasting: bool) -> None:
@@ -443,31 +341,6 @@ def _refuse_other_than_file(path: Path) -> None:
             raise IsADirectoryError(errno.EISDIR, "it is a directory", str(path))
         if not stat.S_ISREG(mode):
             raise OSError(errno.EINVAL, "it is no regular file, and is left alone", str(path))
-
-
-def _fill(file: BinaryIO, data: bytes, like: Path) -> None:
-    file.truncate()
-    _take_after(like, file.fileno())
-    file.write(data)
-    file.flush()
-    os.fsync(file.fileno())
-
-
-def _open_locked(path: Path) -> BinaryIO:
-    """Open a file that no other saver writes, and wait for one that does. It may hold what a power cut left there."""
-    while True:
-        file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666), "r+b")
-        try:
-            with suppress(OSError):  # a file system without locks
-                fcntl.flock(file, fcntl.LOCK_EX)
-            # It may have got its final name while we waited, or was removed: its hidden name is free or another's then
-            with suppress(FileNotFoundError):
-                if os.path.samestat(os.fstat(file.fileno()), path.stat()):
-                    return file
-        except BaseException:
-            file.close()  # else its lock holds up every saver after us
-            raise
-        file.close()
 
 
 def _take_after(path: Path, descriptor: int) -> None:
