@@ -106,11 +106,11 @@ def failure_of(result: RuleTestResult) -> Failure:
         hovering(
             "30 cm", "5 s", 'near = { raised = 1, raised_by = "0.3 s", active_at = { from = "1 s", for = "4 s" } }'
         ),
-        approaching('near = { raised = 1, raised_after = "2 s", raised_within = "0.2 s", status = "active" }'),
+        approaching('near = { raised = 1, raised_after = "2 s", raised_by = "2.7 s", status = "active" }'),
         approaching('buzzer = { stopped_at = "1 s", acts_at = "3 s", level_at = { at = "3 s", level = 1 } }'),
         hovering("3 m", "3 s", 'base = { speed_max = "0.3 m/s", acts_at = "3 s" }'),
         hovering("1 m", "3 s", 'base = { stopped_at = { from = "0 s", for = "3 s" } }'),
-        'input = { skip = { from = "3 m", to = "40 cm" } }\nexpect.near = { raised = 1, raised_within = "0.5 s" }',
+        'input = { skip = { from = "3 m", to = "40 cm" } }\nexpect.near = { raised = 1, raised_by = "1.5 s" }',
     ],
 )
 def test_what_is_as_expected_passes(run: Run, text: str) -> None:
@@ -137,22 +137,6 @@ def test_too_few_and_too_many_are_told_with_their_times(run: Run) -> None:
     many = failure_of(run(hovering("30 cm", "5 s", "near = { raised = 0 }")))
     assert many.expected == "0 raises"
     assert many.why.startswith("raised: so from the start: 0.3")
-
-
-def test_a_limit_that_is_never_crossed_is_a_mistake_of_the_test_and_told_as_such(run: Run) -> None:
-    failure = failure_of(run(hovering("60 cm", "5 s", 'near = { raised_within = "0.1 s" }')))
-    assert "0.50 m" in failure.expected
-    assert failure.got == "it never does"
-
-
-def test_a_creeping_target_is_late_only_from_when_its_rule_could_know(run: Run) -> None:
-    # So slow, the condition is likely enough only some tenths of a second after the limit: no rule could know earlier.
-    creeping = 'approach = { from = "50.2 cm", to = "49.8 cm", speed = "0.0002 m/s" }, noise = "none"'
-    at_the_limit_s = 1.0 + 0.002 / 0.0002
-    result = run(f'input = {{ {creeping} }}\nexpect.near = {{ raised = 1, raised_within = "0.15 s" }}')
-    (raised_s,) = [at_s for at_s, event in result.events if event.kind.value == "raised"]
-    assert raised_s > at_the_limit_s + 0.15
-    assert result.failures == ()
 
 
 def test_an_output_fails_with_who_commands_it_and_why(run: Run) -> None:

@@ -99,14 +99,10 @@ class ExpectTable(Section):
     """When it is raised for the first time, at the latest."""
     raised_after: Duration | None = None
     """When it is raised for the first time, at the earliest."""
-    raised_within: Duration | None = None
-    """How soon it is raised after the target truly crosses the rule's limit, at the latest."""
     cleared_by: Duration | None = None
     """When it is cleared for the first time, at the latest."""
     cleared_after: Duration | None = None
     """When it is cleared for the first time, at the earliest."""
-    cleared_within: Duration | None = None
-    """How soon it is cleared after the target truly leaves the rule's limits, at the latest."""
     active_at: Moments | None = None
     """When it is active."""
     inactive_at: Moments | None = None
@@ -134,24 +130,7 @@ class ExpectTable(Section):
     def _can_be(self) -> Self:
         if not self.model_fields_set:
             raise ValueError("nothing is expected; write such as { raised = 1 }")
-        for kind in ("raised", "cleared"):
-            by_s, after_s, within_s = (getattr(self, f"{kind}_{when}") for when in ("by", "after", "within"))
-            if by_s is not None and after_s is not None and by_s < after_s:
-                raise ValueError(f"nothing is {kind} by {by_s:g} s and not before {after_s:g} s")
-            if getattr(self, kind) == 0 and (by_s, after_s, within_s) != (None, None, None):
-                raise ValueError(f"'{kind} = 0' expects that it never happens, and this says when")
         return self
-
-    def moments(self) -> dict[str, list[float]]:
-        """Return every time that is named, in seconds, by key; of a stretch its end."""
-        named: dict[str, list[float]] = {}
-        for key in ("raised_by", "raised_after", "cleared_by", "cleared_after"):
-            if (at_s := getattr(self, key)) is not None:
-                named[key] = [at_s]
-        for key in ("active_at", "inactive_at", "stopped_at", "acts_at"):
-            named[key] = [each.end_s if isinstance(each, SpanTable) else each for each in getattr(self, key) or ()]
-        named["level_at"] = [each.at for each in self.level_at or ()]
-        return named
 
 
 # Keys of the table, by what they can be expected of.

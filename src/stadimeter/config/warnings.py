@@ -20,6 +20,7 @@ from stadimeter.config.rule_test_tables import (
     OF_BASES,
     OF_OUTPUTS,
     OF_RULES,
+    ExpectTable,
     InputTable,
     RuleTest,
     RuleTestTable,
@@ -30,7 +31,6 @@ from stadimeter.config.sun import sun_times_s
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.units import TAKEN, PinMark, validation_context
 from stadimeter.core.conditions.compounds import depends_on, leaves, targets_of
-from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.schedule import ScheduleCondition
 from stadimeter.core.observation import MonthDay, WallTime
 from stadimeter.core.rule import AlarmRule, FollowRule, LostPolicy
@@ -67,15 +67,11 @@ def rule_test_warnings(draft: Draft) -> Iterator[Finding]:
 
 
 def _mistakes(draft: Draft) -> Iterator[Finding]:
-    names: dict[str, int] = {}
     for position, test in draft.tests.items():
         at: KeyPath = ("tests", position)
-        if names.setdefault(test.name, position) != position:
-            message = f"two tests are called '{test.name}'"
-            yield Finding((*at, "name"), message, "give each a name of its own")
         yield from _input(draft, (*at, "input"), test.input)
         for subject in test.expect:
-            yield from _expected(draft, (*at, "expect", subject), test, subject)
+            yield from _expected(draft, (*at, "expect", subject), test.expect[subject], subject)
 
 
 def _input(draft: Draft, at: KeyPath, given: InputTable) -> Iterator[Finding]:
@@ -84,8 +80,6 @@ def _input(draft: Draft, at: KeyPath, given: InputTable) -> Iterator[Finding]:
     named += [((*at, "target"), "target", given.target, measured)] if given.target is not None else []
     for index, table in enumerate(given.operator):
         named += [((*at, "operator", index, "rule"), "rule", table.rule, rules)] if table.rule else []
-        if table.at > given.moving_s > 0:
-            yield _too_late((*at, "operator", index, "at"), table.at, given.moving_s)
     for path, kind, name, known in named:
         if name not in known:
             yield Finding(path, f"there is no {kind} '{name}'", did_you_mean_or_list(name, known))
@@ -95,8 +89,8 @@ def _input(draft: Draft, at: KeyPath, given: InputTable) -> Iterator[Finding]:
         yield Finding((*at, "target"), message, f'add target = "{measured[0]}", or targets.NAME for each')
 
 
-def _expected(draft: Draft, at: KeyPath, test: RuleTest, subject: str) -> Iterator[Finding]:
-    rules, outputs, expected = tuple(rule_names(draft)), draft.output_names, test.expect[subject]
+def _expected(draft: Draft, at: KeyPath, expected: ExpectTable, subject: str) -> Iterator[Finding]:
+    rules, outputs = tuple(rule_names(draft)), draft.output_names
     if subject not in (known := [*rules, *outputs]):
         yield Finding(at, f"there is no rule and no output '{subject}'", did_you_mean_or_list(subject, known))
         return
@@ -106,27 +100,6 @@ def _expected(draft: Draft, at: KeyPath, test: RuleTest, subject: str) -> Iterat
     for key in sorted(expected.model_fields_set - set(fitting)):
         hint = f"of '{subject}' these can be expected: {', '.join(fitting)}"
         yield Finding((*at, key), f"'{key}' cannot be expected of '{subject}'", hint)
-    for key in sorted(expected.model_fields_set & {"raised_within", "cleared_within"}):
-        instead = f"write {key.partition('_')[0]}_by with a time from the start of the test"
-        if test.input.journal is not None:
-            yield Finding((*at, key), "where the target truly was, a recording does not know", instead)
-        elif not _is_on_distance(draft, subject):
-            message = f"'{subject}' has no limit on the distance alone, so there is no moment at which it is crossed"
-            yield Finding((*at, key), message, instead)
-    for key, times in expected.moments().items() if test.input.moving_s else ():
-        yield from (_too_late((*at, key), at_s, test.input.moving_s) for at_s in times if at_s > test.input.moving_s)
-
-
-def _is_on_distance(draft: Draft, rule_name: str) -> bool:
-    compiled = next((each for each in draft.compiled if rule_name in (each.rule.name, each.section)), None)
-    if compiled is None:
-        return True  # what could not be read has findings of its own
-    condition = compiled.rule.condition if isinstance(compiled.rule, AlarmRule) else None
-    return isinstance(condition, DistanceCondition) and condition.quantity == "distance"
-
-
-def _too_late(at: KeyPath, at_s: float, end_s: float) -> Finding:
-    return Finding(at, f"{at_s:g} s is after the end of the test at {end_s:g} s", "let the test last longer")
 
 
 # Three frames at 30 a second: with less, every hiccup of a network stops the outputs.

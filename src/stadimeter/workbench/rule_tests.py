@@ -40,16 +40,13 @@ from stadimeter.config.rules.conditions import DAYS
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.command import Command, LevelCommand
-from stadimeter.core.conditions.compounds import judge
-from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace
 from stadimeter.core.detection import TargetShape
-from stadimeter.core.measurement import Measurement, MeasurementStatus, Track
+from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.outputs import safe_command
 from stadimeter.core.plan import Output, Plan
-from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rule import AnyRule
 from stadimeter.core.rules.explaining import explain
 from stadimeter.core.stereo_rig import StereoRig
 from stadimeter.errors import ConfigError, JournalError, Problem, StadimeterError
@@ -121,8 +118,7 @@ def _words(problem: Problem) -> str:
 def _run(configuration: Configuration, test: RuleTest) -> RuleTestResult:
     plan = configuration.plan
     subjects = list(_subjects(test, plan))
-    truths = [truth for each in subjects if isinstance(each, _RuleSubject) for truth in each.truths.values()]
-    trial = run(plan, observations(test.input, configuration), *[truth.see for truth in truths])
+    trial = run(plan, observations(test.input, configuration))
     wrong = [(subject, failure) for subject in subjects for failure in subject.failures(trial)]
     moments = _Moments([failure.at_s for _, failure in wrong if failure.at_s is not None and not failure.why])
     if moments.wanted_s:
@@ -157,15 +153,8 @@ class _Moments:
 
 def _subjects(test: RuleTest, plan: Plan) -> Iterator[_RuleSubject | _OutputSubject]:
     """Yield everything of which something is expected. A rule and an output may share a name."""
-    motions = {} if test.input.journal is not None else test.input.motions(plan.targets)
-    paths = {target: motion.path() for target, motion in motions.items()}
-    for which in plan.nearest:  # of several that move, none is the nearest throughout
-        moved = [paths[member] for member in which.members if member in paths]
-        paths[which.name] = moved[0] if len(moved) == 1 else ()
     for name, expected in test.expect.items():
-        yield from (
-            _RuleSubject(rule, expected, paths.get(rule.target, ())) for rule in plan.rules if rule.name == name
-        )
+        yield from (_RuleSubject(rule, expected) for rule in plan.rules if rule.name == name)
         for index, output in enumerate(plan.outputs):
             if output.name == name:
                 yield _OutputSubject(output, index, expected)
@@ -223,23 +212,11 @@ class _Subject:
 
 
 class _RuleSubject(_Subject):
-    """A rule, and what is expected of it.
+    """A rule, and what is expected of it."""
 
-    Attributes:
-        path: Where the rule's target truly is when; empty where that is not known.
-        truths: When the rule's condition truly begins to hold, and when it ends, for what is expected soon after.
-    """
-
-    def __init__(self, rule: AnyRule, expected: ExpectTable, path: Sequence[PathPoint]) -> None:
-        self.rule = rule
+    def __init__(self, rule: AnyRule, expected: ExpectTable) -> None:
         self.name = rule.name
         self._expected = expected
-        self.truths: dict[EventKind, _Truth] = {}
-        for kind in (EventKind.RAISED, EventKind.CLEARED):
-            if getattr(expected, f"{kind.value}_within") is not None:
-                if not (isinstance(rule, AlarmRule) and isinstance(rule.condition, DistanceCondition)):
-                    raise TypeError(f"the rule {rule.name} has no limit on the distance alone")  # checked before
-                self.truths[kind] = _Truth(rule.condition, path, ends=kind is EventKind.CLEARED)
 
     def describe(self, decision: Decision) -> str:
         """Return why the rule did what it did."""
@@ -303,19 +280,12 @@ class _RuleSubject(_Subject):
 
     def _firsts(self, trial: Trial, kind: EventKind) -> Iterator[Failure]:
         verb = kind.value
-        by_s, after_s, within_s = (getattr(self._expected, f"{verb}_{key}") for key in ("by", "after", "within"))
+        by_s, after_s = (getattr(self._expected, f"{verb}_{key}") for key in ("by", "after"))
         if by_s is not None:
             yield from self._first(trial, f"{verb}_by", kind, f"{verb} by {by_s:.2f} s", by_s=by_s)
         if after_s is not None:
             expected = f"{verb} not before {after_s:.2f} s"
             yield from self._first(trial, f"{verb}_after", kind, expected, not_before_s=after_s)
-        if within_s is not None:
-            truth = self.truths[kind]
-            if truth.at_s is None:
-                yield self.failure(f"{verb}_within", truth.words, "it never does")
-                return
-            expected = f"{verb} within {within_s:.2f} s of {truth.at_s:.2f} s, where {truth.words}"
-            yield from self._first(trial, f"{verb}_within", kind, expected, by_s=truth.at_s + within_s)
 
     def _first(
         self, trial: Trial, key: str, kind: EventKind, expected: str, by_s: float = math.inf, not_before_s: float = 0.0
@@ -335,48 +305,6 @@ class _RuleSubject(_Subject):
 
 def _counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
-class _Truth:
-    """Finds when a rule's condition truly begins to hold, or ends, by where its target is.
-
-    It is judged with the standard deviation that the track states: from then on the rule could know, and what is later
-    is late. A truth that is within the limit by less than the standard deviation asks for is none that a rule could act
-    on.
-    """
-
-    def __init__(self, condition: DistanceCondition, path: Sequence[PathPoint], *, ends: bool) -> None:
-        self._condition = condition
-        self._path = path
-        self._ends = ends
-        self._before: Track | None = None
-        self._has_begun = False
-        self.at_s: float | None = None
-        limits = " and ".join(f"{each:.2f} m" for each in (condition.above, condition.below) if each)
-        self.words = f"its condition truly {'ends' if ends else 'begins to hold'} ({limits})"
-
-    def see(self, at_s: float, decision: Decision) -> None:
-        """Take in the next cycle. Each is looked at, since a target may pass through a band."""
-        if self.at_s is not None:
-            return
-        if not self._ends or not self._has_begun:
-            self._has_begun = self._holds(at_s, decision, is_on=False)
-            self.at_s = at_s if self._has_begun and not self._ends else None
-        elif not self._holds(at_s, decision, is_on=True):
-            self.at_s = at_s
-
-    def _holds(self, at_s: float, decision: Decision, *, is_on: bool) -> bool:
-        target = self._condition.target
-        track = next(track for track in decision.tracks if track.target == target)
-        if not self._path or not track.is_valid:
-            return is_on
-        true = position_at(self._path, at_s)
-        depth_m = true.distance_m * math.cos(true.bearing_rad) * math.cos(true.elevation_rad)
-        track = replace(track, distance_m=true.distance_m, depth_m=depth_m)
-        before = {} if self._before is None else {target: self._before}
-        self._before = track
-        inputs = RuleInputs(tracks={target: track}, now_s=at_s, before=before)
-        return judge(self._condition, inputs, (), is_active=is_on).value is True
 
 
 class _OutputSubject(_Subject):
