@@ -72,58 +72,55 @@ def test_a_file_that_is_not_there_is_one_clear_line(tmp_path: Path) -> None:
     assert result.stderr.splitlines()[0] == f"{tmp_path / 'nowhere.toml'}: error: there is no such file"
 
 
-SHADOWED = """\
+UNHEARD = """\
 [camera]
 driver = "simulated"
 model = { width_px = 640, height_px = 480, fx_px = 600.0 }
 [world]
-[messenger]
-driver = "simulated"
 [targets.ball]
 detector = "ideal"
 
 [actuators.lamp]
 driver = "simulated"
 [rules.near]
-actuator = "lamp"
 when = { below = "80 cm" }
 [rules.far]
 actuator = "lamp"
-priority = 200
 when = { below = "90 cm" }
 """
 
 
 @pytest.fixture
-def shadowed(tmp_path: Path) -> Path:
-    file = tmp_path / "shadowed.toml"
-    file.write_text(SHADOWED, encoding="utf-8")
+def unheard(tmp_path: Path) -> Path:
+    file = tmp_path / "unheard.toml"
+    file.write_text(UNHEARD, encoding="utf-8")
     return file
 
 
-def test_a_rule_that_never_wins_says_which_one_does_and_what_to_do(shadowed: Path) -> None:
-    result = run_check(str(shadowed))
+def test_a_warning_says_what_to_do(unheard: Path) -> None:
+    warning = "warning: rules.near: nothing reports the alert 'near': it drives nothing, and there is no messenger"
+    result = run_check(str(unheard))
     assert result.stdout.splitlines()[:4] == [
-        f"{shadowed}:12: warning: rules.near: wherever 'near' holds, 'far' holds too and wins 'lamp'",
-        "  12 | [rules.near]",
+        f"{unheard}:10: {warning}",
+        "  10 | [rules.near]",
         "     | ^^^^^^^^^^^^",
-        "       give 'near' the higher priority, or let 'far' hold less often",
+        "       add an actuator to it, or a section [messenger]",
     ]
 
 
 @pytest.mark.parametrize(("arguments", "code"), [((), 0), (("--strict",), 1), (("--strict", "--json"), 1)])
-def test_a_warning_counts_only_if_that_is_wanted(shadowed: Path, arguments: tuple[str, ...], code: int) -> None:
-    assert run_check(str(shadowed), *arguments).exit_code == code
+def test_a_warning_counts_only_if_that_is_wanted(unheard: Path, arguments: tuple[str, ...], code: int) -> None:
+    assert run_check(str(unheard), *arguments).exit_code == code
 
 
-def test_an_error_does_not_hide_the_warnings_about_other_rules(shadowed: Path) -> None:
-    shadowed.write_text(f'{SHADOWED}[rules.wrong]\nwhen = {{ abovee = "1 m" }}\n', encoding="utf-8")
-    result = run_check(str(shadowed))
+def test_an_error_does_not_hide_the_warnings_about_other_rules(unheard: Path) -> None:
+    unheard.write_text(f'{UNHEARD}[rules.wrong]\nwhen = {{ abovee = "1 m" }}\n', encoding="utf-8")
+    result = run_check(str(unheard))
     assert result.exit_code == 2
-    assert result.stderr.splitlines()[-1] == f"1 error, 1 warning: {shadowed} cannot be used"
-    record = json.loads(run_check(str(shadowed), "--json").stdout)
+    assert result.stderr.splitlines()[-1] == f"1 error, 1 warning: {unheard} cannot be used"
+    record = json.loads(run_check(str(unheard), "--json").stdout)
     assert [problem["code"] for problem in record["problems"]] == ["unknown-key"]
-    assert [warning["code"] for warning in record["warnings"]] == ["shadowed"]
+    assert [warning["code"] for warning in record["warnings"]] == ["unheard"]
 
 
 # The command `schema` prints what editors complete from.
