@@ -1,8 +1,7 @@
 """A TOML file of a user: its text, what it holds, and where each key of it stands.
 
-The standard library's parser calls itself for every list inside a list, and runs out of stack. Each key with many dots
-costs as much time as it is deep, and a number of more than 4,300 digits cannot be converted at all. So a text that is
-no configuration for certain is refused before it is parsed, with its line.
+The standard library's parser calls itself for every list inside a list, and runs out of stack where they are nested too
+deep; what it can read and no configuration needs is refused here, with its line.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from msgspec import Struct
 
 from stadimeter.config.files import read_untrusted_text, size_text
 from stadimeter.config.findings import Finding, problems
-from stadimeter.config.toml_lines import STRINGS, KeyPath, SourceSpan, key_spans, syntax_error
+from stadimeter.config.toml_lines import KeyPath, SourceSpan, key_spans, syntax_error
 from stadimeter.core.bounds import MAX_PLAIN
 from stadimeter.errors import ConfigError, Problem, UnreadableError
 
@@ -28,12 +27,7 @@ UNREADABLE = "unreadable"
 
 # Enough for 20 conditions inside each other, in lists, in the table of a rule.
 MAX_DEPTH = 64
-
-# Enough for every number and for every name that is written without quotes.
-MAX_WORD_LENGTH = 200
-
-_MARK = re.compile("|".join([*STRINGS, r"#[^\n]*", r"[A-Za-z0-9_+-]+", r"[\[\]{}.,\n]"]), re.DOTALL)
-_OPENING, _CLOSING, _NEXT, _TEXT = frozenset("[{"), frozenset("]}"), frozenset(",\n"), frozenset("\"'#")
+_TOO_DEEP = f"tables and lists stand inside each other more than {MAX_DEPTH} deep"
 
 # The integers that every reader of TOML must take (TOML 1.0, section Integer); no key means more.
 _INTEGERS = range(-(2**63), 2**63)
@@ -82,19 +76,18 @@ def parse_toml(text: str, file: str) -> TomlSource:
     Raises:
         ConfigError: It is not TOML, nests too deep, or holds a number beyond all bounds; with the line.
     """
-    if why := why_out_of_bounds(text):
-        message, line = why
-        raise ConfigError([Problem(message, file, line, hint="is it a configuration?", code="too-deep")])
     try:
-        table = tomllib.loads(text)
+        table, spans = tomllib.loads(text), key_spans(text)
     except tomllib.TOMLDecodeError as error:
         message, line = syntax_error(error, text)
         hint = _syntax_hint(message)
         raise ConfigError(
             [Problem(f"this is not valid TOML: {message}", file, line, hint=hint, code="syntax")]
         ) from error
-    spans = key_spans(text)
-    if found := list(_numbers_out_of_bounds((), table)):
+    except (RecursionError, ValueError) as error:  # a number of thousands of digits is no syntax error
+        message = _TOO_DEEP if isinstance(error, RecursionError) else f"a number is too long: {error}"
+        raise ConfigError([Problem(message, file, hint="is it a configuration?", code="too-deep")]) from error
+    if found := list(_out_of_bounds((), table)):
         raise ConfigError(problems(found, file, spans))
     return TomlSource(text=text, table=table, spans=spans)
 
@@ -149,43 +142,13 @@ def _syntax_hint(message: str) -> str:
     return ""
 
 
-def _numbers_out_of_bounds(path: KeyPath, value: Any) -> Iterator[Finding]:
-    if isinstance(value, dict | list):
+def _out_of_bounds(path: KeyPath, value: Any) -> Iterator[Finding]:
+    if isinstance(value, dict | list) and len(path) > MAX_DEPTH:
+        yield Finding(path[:1], _TOO_DEEP, "is it a configuration?", "too-deep")
+    elif isinstance(value, dict | list):
         for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
-            yield from _numbers_out_of_bounds((*path, key), inner)
+            yield from _out_of_bounds((*path, key), inner)
     elif isinstance(value, int) and value not in _INTEGERS:
         yield Finding(path, "this whole number does not fit into 64 bits", code="bad-value")
     elif isinstance(value, float) and MAX_PLAIN < abs(value) < math.inf:
         yield Finding(path, f"{value:g} is too large a number; at most {MAX_PLAIN:g} is taken", code="bad-value")
-
-
-def why_out_of_bounds(text: str) -> tuple[str, int] | None:
-    """Return why a text cannot be meant as a configuration.
-
-    Tables and lists that stand inside each other are counted together with the keys of dotted names, one by one; what
-    stands below a header is counted without it.
-
-    Returns:
-        What is wrong, and the line where it first is, counted from 1; None if nothing is.
-    """
-    around: list[int] = []  # how deep each open bracket stands
-    depth = 0
-    for match in _MARK.finditer(text):
-        mark = match[0]
-        if mark in _OPENING:
-            depth += 1
-            around.append(depth)
-        elif mark in _CLOSING:
-            depth = around[-2] if len(around) > 1 else 0
-            del around[-1:]
-        elif mark in _NEXT:
-            depth = around[-1] if around else 0
-        elif mark == ".":
-            depth += 1
-        if depth > MAX_DEPTH:
-            message = f"tables and lists stand inside each other more than {MAX_DEPTH} deep"
-            return message, text.count("\n", 0, match.start()) + 1
-        if len(mark) > MAX_WORD_LENGTH and mark[0] not in _TEXT:
-            message = f"a number or a name of {len(mark)} characters; the longest that is read has {MAX_WORD_LENGTH}"
-            return message, text.count("\n", 0, match.start()) + 1
-    return None
