@@ -27,7 +27,6 @@ Kind = Literal["error", "warning"]
 # The exit code where a warning counts, with ``--strict``.
 WARNED = 1
 
-_MAX_LINE = 240
 _COLOURS = {"error": "red", "warning": "yellow"}
 
 # What may hold a password or a token, and is not for every eye that sees a screen or a log.
@@ -188,22 +187,11 @@ def _fragment(problem: Problem, lines: list[str], kind: Kind) -> list[Text]:
         return []
     line = _ADDRESS.sub(lambda match: "…" * len(match[0]), lines[problem.line - 1].replace("\t", " "))
     number = f"  {problem.line}"
-    line, begin, end = _crop(line, *_columns_to_underline(problem, line))
+    begin, end = _columns_to_underline(problem, line)
     return [
         Text.assemble((f"{number} | ", "dim"), line),
         Text.assemble((f"{' ' * len(number)} | ", "dim"), " " * begin, ("^" * max(1, end - begin), _COLOURS[kind])),
     ]
-
-
-def _crop(line: str, begin: int, end: int) -> tuple[str, int, int]:
-    """Return a line, and what is underlined in it; of one that fills the screen only what is around that."""
-    if len(line) <= _MAX_LINE:
-        return line, begin, end
-    start = max(0, begin - _MAX_LINE // 4)
-    shown = line[start : start + _MAX_LINE]
-    before, after = "…" * (start > 0), "…" * (start + len(shown) < len(line))
-    shift = len(before) - start
-    return f"{before}{shown}{after}", begin + shift, min(end + shift, len(before) + len(shown))
 
 
 def _columns_to_underline(problem: Problem, line: str) -> tuple[int, int]:

@@ -39,9 +39,6 @@ WATCHDOG_AFTER_LEASE_S = 0.2
 # The age of a frame of a camera without a stated latency when it is acted on: exposure, transfer and one period.
 USUAL_AGE_S = 0.05
 
-# The options of cameras that say which one is meant; the last of a simulated one.
-_WHICH = ("device", "device_file", "camera", "path", "paths", "baseline")
-
 # What only an alarm can be told; a ramp, or a rule that follows, is kept quiet like one.
 _OF_ALARMS = {OperatorAction.ACKNOWLEDGE, OperatorAction.RESET}
 
@@ -296,7 +293,7 @@ def _cameras(draft: Draft) -> Iterator[Finding]:
         hint = 'run `stadimeter calibrate distance PICTURE@DISTANCE -o camera.toml` and add model = "camera.toml"'
         yield Finding(("camera", "model"), message, hint, "camera-model-missing")
     if first is not None and second is not None:
-        if first.driver == second.driver and _which(first) == _which(second):
+        if first.driver == second.driver and first.options == second.options:
             hint = "name another device; where it is simulated, write baseline"
             yield Finding(("second_camera", "driver"), "this is the first camera once more", hint, "used-twice")
         if draft.camera_table.model is not None:
@@ -309,13 +306,6 @@ def _cameras(draft: Draft) -> Iterator[Finding]:
             hint = "add a section [second_camera], write on_floor for what stands on the floor, or measure its size"
             message = "one camera measures no distance of a thing whose size is not known"
             yield Finding(("targets", target.name), message, hint, "size-unknown")
-
-
-def _which(camera: DriverChoice) -> list[object]:
-    """Return the device of a camera, which has several names; a number is one of them."""
-    options = [getattr(camera.options, key, None) for key in _WHICH]
-    paths = [f"/dev/video{each}" if isinstance(each, int) else each for each in options]
-    return [os.path.realpath(each) if isinstance(each, str) and each.startswith("/dev/") else each for each in paths]
 
 
 def _is_size_unknown(target: DriverChoice) -> bool:

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from stadimeter.config import models
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
 from stadimeter.config.driver_tables import DRIVER_KINDS, ModelT, read_driver_table, validate
-from stadimeter.config.findings import MAX_EXPLAINED, Finding, did_you_mean_or_list, format_value
+from stadimeter.config.findings import Finding, did_you_mean_or_list, format_value
 from stadimeter.config.optional_tables import (
     OPTIONAL_TABLES,
     BlackBoxTable,
@@ -288,12 +288,9 @@ class _Reader:
         return self.draft
 
     def _sections(self) -> None:
-        unknown = [section for section in self.draft.table if section not in models.SECTIONS]
-        for section in unknown[:MAX_EXPLAINED]:
+        for section in self.draft.table.keys() - set(models.SECTIONS):
             hint = did_you_mean_or_list(section, models.SECTIONS)
             self._found((section,), f"unknown section '{section}'", hint, "unknown-key")
-        if left := unknown[MAX_EXPLAINED:]:
-            self._found((left[0],), f"from here on, {len(left)} more sections are unknown", code="unknown-key")
         if "camera" not in self.draft.table:
             self._found(("camera",), "the section [camera] is missing", 'add one, such as driver = "opencv"')
         if not self.draft.table.get("targets"):

@@ -6,7 +6,6 @@ import difflib
 import re
 import typing
 from collections.abc import Iterable, Iterator, Mapping
-from itertools import islice
 from typing import Any
 
 from msgspec import Struct
@@ -20,9 +19,6 @@ from stadimeter.errors import Problem
 
 # The code of a finding that has none of its own.
 OTHER = "other"
-
-# More wrong keys of one table than this are only counted: to look for similar words takes 0.1 ms for each.
-MAX_EXPLAINED = 1000
 
 # The longest messages list what could have been written; longer ones repeat what was.
 _MAX_LENGTH = 600
@@ -141,12 +137,10 @@ def findings_of(
             continue
         path, value = _path_and_value(table, details)
         by_path.setdefault(path, (value, []))[1].append(details)
-    for path, (value, complaints) in islice(by_path.items(), MAX_EXPLAINED):
+    for path, (value, complaints) in by_path.items():
         known = [*known_keys(model, path[:-1]), *(also_known if len(path) == 1 else ())]
         elsewhere = {key: hint for each in _models_at(model, path[:-1]) for key, hint in _elsewhere(each).items()}
         yield _finding((*at, *path), complaints, known, value, elsewhere)
-    if (left := len(by_path) - MAX_EXPLAINED) > 0:
-        yield Finding(at, f"{left} more keys are wrong", code="unknown-key")
 
 
 def _has_wrong_entries(of_list: ErrorDetails, found: Iterable[ErrorDetails]) -> bool:

@@ -1,6 +1,5 @@
 """The table of a rule, and how it becomes the core's rules. Its defaults are those of `stadimeter.core.rule`."""
 
-import datetime as dt
 import json
 import math
 import re
@@ -37,9 +36,6 @@ from stadimeter.core.rules.ramp import LATE_S
 
 # A level changes with a frame at the earliest: at 30 frames a second a shorter one may be passed over.
 MIN_STEP_S = 0.05
-
-# Greatest depth of lists and tables in a JSON template.
-JSON_MAX_DEPTH = 20
 
 DEFAULT_TITLE = "{rule}: {event}"
 DEFAULT_TEXT = "{reason}"
@@ -132,20 +128,12 @@ def _check_text(text: str, info: ValidationInfo) -> str:
 def _check_json(value: Any, info: ValidationInfo) -> Any:
     if not isinstance(value, dict | list):
         raise ValueError('json is a table or a list, such as { distance = "{distance_m}" }; write a text as text')
-    _only_json(value, JSON_MAX_DEPTH)
-    _checked(rule.Template(text=json.dumps(value), is_json=True), info)
+    try:
+        text = json.dumps(value, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"JSON has no such value as inf, nan, a date or a time; put it in quotes ({error})") from error
+    _checked(rule.Template(text=text, is_json=True), info)
     return value
-
-
-def _only_json(value: object, depth_left: int) -> None:
-    if depth_left == 0:
-        raise ValueError(f"it is nested deeper than {JSON_MAX_DEPTH} levels")
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError("JSON knows no such number as inf or nan")
-    if isinstance(value, dt.date | dt.time):
-        raise ValueError(f"JSON knows no dates and times; put {value} in quotes")
-    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
-        _only_json(inner, depth_left - 1)
 
 
 def _check_topic(topic: str) -> str:
