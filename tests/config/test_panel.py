@@ -59,14 +59,11 @@ def test_the_panel_is_read_and_described(tmp_path: Path) -> None:
     assert (table.press, table.hold, table.hold_for, table.shelve_for) == ("put-back", "shelve", 3.0, 1800.0)
     told = " ".join(describe(configuration))
     assert "Shows how it is doing on `status_led` (led)." in told
-    assert (
-        "The button `front`, pressed, puts `near` back into service. Held for 3 s, it shelves `near` for 30 min."
-        in told
-    )
+    assert "The button `front` is for `near`; pressed: put-back; held for 3 s: shelve." in told
 
 
 def test_a_button_without_more_acknowledges(tmp_path: Path) -> None:
-    assert "The button `front`, pressed, acknowledges every alarm that it can." in describe(load(tmp_path, button()))
+    assert "The button `front` is for all; pressed: acknowledge." in describe(load(tmp_path, button()))
 
 
 @pytest.mark.parametrize(

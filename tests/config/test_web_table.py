@@ -22,7 +22,7 @@ def test_without_a_table_there_is_no_page_and_an_empty_one_has_all_defaults(tmp_
     assert load(tmp_path).web is None
     found = load(tmp_path, "[web]\n")
     assert (found.web.port, found.web.host, found.web.allowed_hosts) == (8080, None, [])
-    assert "Its page for browsers is at port 8080, on this computer only until a password is set" in describe(found)[1]
+    assert "Its page for browsers is at port 8080." in describe(found)[1]
 
 
 TABLE = """

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.loader import Configuration
-from stadimeter.config.models import ButtonTable, WebTable
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.conditions.compounds import Condition, leaves
@@ -29,9 +28,6 @@ from stadimeter.core.rule import (
 )
 from stadimeter.core.rules.ramp import when_in_words
 from stadimeter.core.words import duration, figure_in_words, length
-
-# Of more rules than these, the rest are counted: a list of hundreds is of no use.
-NAMED_MAX = 10
 
 
 def describe(configuration: Configuration) -> tuple[str, ...]:
@@ -57,10 +53,13 @@ def _parts(configuration: Configuration) -> Iterator[str]:
     if configuration.status_led:
         yield f"Shows how it is doing on `{configuration.status_led.name}` ({configuration.status_led.driver})."
     if configuration.web is not None:
-        yield f"Its page for browsers is at port {configuration.web.port}, {_where(configuration.web)}."
-    yield from _describe_kept(configuration)
+        yield f"Its page for browsers is at port {configuration.web.port}."
+    if configuration.black_box is not None:
+        yield configuration.black_box.describe()
     for button, table in configuration.button_tables.items():
-        yield f"The button `{button}`, pressed, {_pressed(table.press, table)}.{_held(table)}"
+        held = f"; held for {duration(table.hold_for)}: {table.hold}" if table.hold else ""
+        whom = f"`{table.rule}`" if table.rule else "all"
+        yield f"The button `{button}` is for {whom}; pressed: {table.press}{held}."
 
 
 def _beside(configuration: Configuration) -> str:
@@ -76,30 +75,6 @@ def _figure(figure: RememberedFigure) -> str:
     what = f"percentile {figure.percentile:g}" if figure.statistic == "percentile" else figure.statistic
     of = f"{figure.quantity.replace('_', ' ')} of `{figure.target}` {figure.window}"
     return f"Remembers `{figure.name}`: the {'median' if what == 'percentile 50' else what} of the {of}."
-
-
-def _where(web: WebTable) -> str:
-    how = "with https" if web.certificate is not None else "without encryption"
-    return f"on {web.host}, {how}" if web.host else f"on this computer only until a password is set, {how}"
-
-
-def _held(table: ButtonTable) -> str:
-    return f" Held for {duration(table.hold_for)}, it {_pressed(table.hold, table)}." if table.hold else ""
-
-
-def _pressed(action: str, table: ButtonTable) -> str:
-    """Say what a button does, such as ``shelves every alarm for 30 min``."""
-    does = {
-        "take-out": "takes {} out of service",
-        "put-back": "puts {} back into service",
-        "clip": "has a clip of the last seconds written",
-        "stop-outputs": "stops every output until they are released",
-        "release-outputs": "lets outputs that were stopped act again",
-        "arm": "arms the run: its outputs may act",
-        "disarm": "disarms the run: every output is at its safe value until it is armed",
-    }.get(action, action + "s {}")
-    lasting = f" for {duration(table.shelve_for)}" if action == "shelve" and table.shelve_for else ""
-    return does.format(f"`{table.rule}`" if table.rule else "every alarm that it can") + lasting
 
 
 def _lens(model: CameraModel) -> str:
@@ -188,8 +163,6 @@ def _lost_alarm(rule: AlarmRule) -> str:
 def _wins(rule: AnyRule, configuration: Configuration) -> str:
     rivals = (each for each in configuration.plan.rules if each.output == rule.output is not None)
     losers = [f"`{each.name}`" for each in rivals if each.priority < rule.priority]
-    if len(losers) > NAMED_MAX:
-        losers[NAMED_MAX:] = [f"{len(losers) - NAMED_MAX} other rules"]
     return f" Goes before {' and '.join(losers)}." if losers else ""
 
 
@@ -306,12 +279,3 @@ def _does(step: EscalationStep, configuration: Configuration) -> str:
 def needs_figures(condition: Condition) -> bool:
     """Check whether a condition asks for a figure that is not known while its target is out of sight."""
     return any(leaf.has_figures for leaf in leaves(condition))
-
-
-def _describe_kept(configuration: Configuration) -> Iterator[str]:
-    if configuration.recording is not None:
-        yield f"Keeps the last {duration(configuration.recording.last)} of what it sees and does, without pictures."
-    if configuration.timeline is not None and configuration.timeline.keep:
-        yield f"Keeps a timeline of the last {duration(configuration.timeline.keep)} for the page."
-    if configuration.black_box is not None:
-        yield configuration.black_box.describe()
