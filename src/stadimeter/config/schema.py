@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ast
 import inspect
-import json
 import math
 import re
 import textwrap
@@ -35,11 +34,9 @@ JsonSchema = dict[str, Any]
 _IN_UNITS = re.compile(
     r"^In (?:metres|seconds|bytes|radians|hertz|volts|m/s²?|rad/s²?)\b(?: since midnight)?(?:[;,] |\.$)"
 )
-_FOR_NUMBERS = ("exclusiveMinimum", "exclusiveMaximum", "minimum", "maximum", "multipleOf")
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
-_REFERENCE = re.compile(r'"#/\$defs/([^"/]+)')
 _NAME = {"pattern": "^[A-Za-z0-9_-]+$"}
 _TABLES: dict[str, type[BaseModel]] = {
     **OPTIONAL_TABLES,
@@ -68,7 +65,7 @@ def configuration_schema() -> JsonSchema:
     drivers = {section: dict(_drivers(kind)) for section, kind in DRIVER_KINDS.items()}
     own = [options for each in drivers.values() for options in each.values() if options is not None]
     common = [kind.common for kind in DRIVER_KINDS.values()]
-    by_model, definitions = schemas_of(
+    by_model, definitions = _schemas_of(
         [camera_file.CameraModelTable, FigureTable, RuleTable, RuleTestTable, *_TABLES.values(), *common, *own]
     )
     sections: dict[str, JsonSchema] = {}
@@ -81,21 +78,19 @@ def configuration_schema() -> JsonSchema:
     sections["figures"] = _named(by_model[FigureTable])
     sections["rules"] = _named(_rule(by_model, definitions))
     sections["tests"] = {"type": "array", "items": by_model[RuleTestTable]}
-    return _without_unused(
-        {
-            "$schema": DIALECT,
-            "title": "stadimeter configuration",
-            "description": "The target of a camera, and what happens depending on its distance.",
-            "type": "object",
-            "properties": {
-                section: {**sections[section], **({"description": _SECTIONS[section]} if section in _SECTIONS else {})}
-                for section in models.SECTIONS
-            },
-            "required": ["camera", "targets"],
-            "additionalProperties": False,
-            "$defs": definitions,
-        }
-    )
+    return {
+        "$schema": DIALECT,
+        "title": "stadimeter configuration",
+        "description": "The target of a camera, and what happens depending on its distance.",
+        "type": "object",
+        "properties": {
+            section: {**sections[section], **({"description": _SECTIONS[section]} if section in _SECTIONS else {})}
+            for section in models.SECTIONS
+        },
+        "required": ["camera", "targets"],
+        "additionalProperties": False,
+        "$defs": definitions,
+    }
 
 
 def _drivers(kind: DriverKind) -> Iterator[tuple[str, type[BaseModel] | None]]:
@@ -115,32 +110,18 @@ def _driver_table(
 ) -> JsonSchema:
     """Return the schema of a table that names a driver, on which it depends what else it may hold.
 
-    ``if`` and ``then`` tell validators exactly which driver is meant. Editors that do not know these two complete from
-    the alternatives of ``anyOf``, which say the same.
+    Editors complete from the alternatives of ``anyOf``; not all of them know ``if`` and ``then``.
     """
     if not drivers:  # a package was taken apart
         return {"type": "object"}
     kind = DRIVER_KINDS[section]
-    references = {}
     for name, options in drivers.items():
         definitions[f"{section}.{name}"] = _one_driver(kind, name, options, by_model, definitions)
-        references[name] = {"$ref": f"#/$defs/{section}.{name}"}
-    needed = [] if kind.default else [kind.key]
     return {
         "type": "object",
-        "properties": {kind.key: {"enum": list(references)}},
-        "required": needed,
-        "anyOf": list(references.values()),
-        "allOf": [
-            {
-                "if": {
-                    "properties": {kind.key: {"const": name}},
-                    "required": [] if name == kind.default else [kind.key],
-                },
-                "then": reference,
-            }
-            for name, reference in references.items()
-        ],
+        "properties": {kind.key: {"enum": list(drivers)}},
+        "required": [] if kind.default else [kind.key],
+        "anyOf": [{"$ref": f"#/$defs/{section}.{name}"} for name in drivers],
     }
 
 
@@ -153,15 +134,11 @@ def _one_driver(
 ) -> JsonSchema:
     common = _resolved(by_model[kind.common], definitions)
     own = _resolved(by_model[options], definitions) if options else {}
-    needed = [
-        *([] if name == kind.default else [kind.key]),
-        *common.get("required", ()),
-        *own.get("required", ()),
-    ]
+    needed = [*([] if name == kind.default else [kind.key]), *common.get("required", ()), *own.get("required", ())]
     properties = {
         kind.key: {"const": name, "description": own.get("description", "")},
-        **_shared_keys(by_model[kind.common], definitions),
-        **(_shared_keys(by_model[options], definitions) if options else {}),
+        **common.get("properties", {}),
+        **own.get("properties", {}),
     }
     if kind is CAMERA:
         properties["model"] = _camera_model(common["properties"]["model"], by_model)
@@ -170,7 +147,7 @@ def _one_driver(
         "type": "object",
         "properties": properties,
         "required": needed,
-        **{key: own[key] for key in ("anyOf",) if key in own},
+        **({"anyOf": own["anyOf"]} if "anyOf" in own else {}),
         "additionalProperties": options is None,
     }
 
@@ -190,35 +167,16 @@ def _resolved(schema: JsonSchema, definitions: dict[str, JsonSchema]) -> JsonSch
     return schema if reference is None else definitions[reference.removeprefix("#/$defs/")]
 
 
-def _shared_keys(schema: JsonSchema, definitions: dict[str, JsonSchema]) -> JsonSchema:
-    """Return the keys of a table, each as a reference to where it is described: several tables have the same."""
-    keys: JsonSchema = _resolved(schema, definitions).get("properties", {})
-    reference = schema.get("$ref")
-    return keys if reference is None else {key: {"$ref": f"{reference}/properties/{key}"} for key in keys}
-
-
-def _without_unused(schema: JsonSchema) -> JsonSchema:
-    definitions = schema["$defs"]
-    used: set[str] = set()
-    left = [{key: value for key, value in schema.items() if key != "$defs"}]
-    while left:
-        found = set(_REFERENCE.findall(json.dumps(left.pop()))) - used
-        used |= found
-        left += [definitions[name] for name in found]
-    return {**schema, "$defs": {name: definition for name, definition in definitions.items() if name in used}}
-
-
 def _named(table: JsonSchema) -> JsonSchema:
     return {"type": "object", "propertyNames": _NAME, "additionalProperties": table}
 
 
-def schemas_of(models: Sequence[type[BaseModel]]) -> tuple[dict[type[BaseModel], JsonSchema], dict[str, JsonSchema]]:
+def _schemas_of(models: Sequence[type[BaseModel]]) -> tuple[dict[type[BaseModel], JsonSchema], dict[str, JsonSchema]]:
     """Return the JSON Schemas of models, and the definitions that they refer to as ``#/$defs/NAME``."""
     unique = dict.fromkeys(models)
     mode: JsonSchemaMode = "validation"
     made, whole = models_json_schema([(model, mode) for model in unique], schema_generator=_Generator)
-    definitions = {name: _tidy(schema) for name, schema in whole.get("$defs", {}).items()}
-    return {model: _tidy(made[model, mode]) for model in unique}, definitions
+    return {model: made[model, mode] for model in unique}, whole.get("$defs", {})
 
 
 def describe_model(model: type[BaseModel]) -> str:
@@ -232,6 +190,7 @@ class _Generator(GenerateJsonSchema):
 
     def model_schema(self, schema: core_schema.ModelSchema) -> JsonSchemaValue:
         made = super().model_schema(schema)
+        made.pop("title", None)
         model = schema["cls"]
         documented = dict(documented_fields(model))
         for name, field in model.model_fields.items():
@@ -253,9 +212,18 @@ class _Generator(GenerateJsonSchema):
 
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
         made = super().default_schema(schema)
-        if made.get("default") in (None, math.inf) or isinstance(made.get("default"), dict):
+        default = made.get("default")
+        if default in (None, math.inf) or isinstance(default, dict):
             made.pop("default", None)
+        elif "x-unit" in made and isinstance(default, int | float):
+            made["default"] = f"{default:g} {made['x-unit']}"
         return made
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
+        return self.generate_inner(schema["schema"])  # TOML knows no null
+
+    def field_title_should_be_set(self, schema: Any) -> bool:  # noqa: ARG002 - a key says as much as its title
+        return False
 
 
 def documented_fields(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
@@ -289,34 +257,3 @@ def _for_writers(words: str, model: type[BaseModel] | None = None) -> str:
     words = re.sub(r"\bNone (?=for|if|where|to)", "left out ", words)
     words = re.sub(r"\bNone (?=\w+s )", "left out, it ", words)
     return re.sub(r"(?:^|\. )[a-z]", lambda start: start[0].upper(), words)
-
-
-def _tidy(schema: Any) -> Any:
-    """Leave out what TOML does not know and what says nothing, and write defaults as a person would."""
-    if isinstance(schema, list):
-        return [_tidy(entry) for entry in schema]
-    if not isinstance(schema, Mapping):
-        return schema
-    tidy = {key: _tidy_properties(value) if key == "properties" else _tidy(value) for key, value in schema.items()}
-    if not isinstance(tidy.get("title"), Mapping):
-        tidy.pop("title", None)
-    tidy = _without_null(tidy)
-    unit = tidy.pop("x-unit", None)
-    if unit is not None and isinstance(tidy.get("default"), int | float):
-        tidy["default"] = f"{tidy['default']:g} {unit}"
-    if tidy.get("type") == "string":
-        tidy = {key: value for key, value in tidy.items() if key not in _FOR_NUMBERS}
-    return tidy
-
-
-def _tidy_properties(properties: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: _tidy(schema) for name, schema in properties.items()}
-
-
-def _without_null(schema: dict[str, Any]) -> dict[str, Any]:
-    choices = schema.get("anyOf")
-    if not isinstance(choices, list) or {"type": "null"} not in choices:
-        return schema
-    left = [choice for choice in choices if choice != {"type": "null"}]
-    rest = {key: value for key, value in schema.items() if key != "anyOf"}
-    return {**left[0], **rest} if len(left) == 1 else {**rest, "anyOf": left}
