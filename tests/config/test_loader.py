@@ -195,15 +195,6 @@ def test_a_driver_whose_library_is_missing_is_said_so(told: Told, sound: str, mo
     assert "messenger.driver: the driver 'mqtt' needs a library that is not installed" in line
 
 
-def test_a_driver_whose_file_has_moved_since_the_program_was_set_up_says_to_set_it_up_again(
-    told: Told, sound: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "stadimeter.messaging.mqtt", None)
-    (line,) = told(sound + '[messenger]\ndriver = "mqtt"\n')
-    assert "messenger.driver: the driver 'mqtt' is no longer in stadimeter.messaging.mqtt" in line
-    assert "set it up again" in line
-
-
 def test_a_wrong_test_of_rules_stops_check_and_no_run(tmp_path: Path, sound: str) -> None:
     file = tmp_path / "test.toml"
     file.write_text(f"{sound}[[tests]]\ninput = 3\n", encoding="utf-8")

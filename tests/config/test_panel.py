@@ -75,9 +75,6 @@ def test_a_button_without_more_acknowledges(tmp_path: Path) -> None:
         (('hold = "shelve"', 'hold_for = "6 s"'), [("bad-value", "buttons.front.hold_for")]),
         (('shelve_for = "1 h"',), [("bad-value", "buttons.front")]),
         (('rule = "nere"',), [("unknown-name", "buttons.front.rule")]),
-        (('rule = "far"',), [("unknown-name", "buttons.front.rule")]),
-        (('hold = "shelve"', 'rule = "touching"'), [("shelve-too-long", "buttons.front.rule")]),
-        (('hold = "shelve"', 'shelve_for = "2 h"', 'rule = "near"'), [("shelve-too-long", "buttons.front.shelve_for")]),
         (("pull_up = false",), [("unknown-key", "buttons.front.pull_up")]),
     ],
 )

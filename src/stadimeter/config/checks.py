@@ -26,9 +26,8 @@ from stadimeter.core.conditions.quantities import QUANTITIES
 from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.schedule import ScheduleCondition
 from stadimeter.core.decision import Severity
-from stadimeter.core.rule import AlarmRule, gate_of
+from stadimeter.core.rule import AlarmRule
 from stadimeter.core.rules.follow import GAIN_SHARE, MAX_GAIN_SHARE, RESPONSE_S
-from stadimeter.operator_actions import OperatorAction
 
 # Nothing acts on a frame that is older than this. A robot at 0.5 m/s has gone half a metre by then.
 MAX_BLIND_S = 1.0
@@ -38,9 +37,6 @@ WATCHDOG_AFTER_LEASE_S = 0.2
 
 # The age of a frame of a camera without a stated latency when it is acted on: exposure, transfer and one period.
 USUAL_AGE_S = 0.05
-
-# What only an alarm can be told; a ramp, or a rule that follows, is kept quiet like one.
-_OF_ALARMS = {OperatorAction.ACKNOWLEDGE, OperatorAction.RESET}
 
 
 def error_findings(draft: Draft) -> Iterator[Finding]:
@@ -112,6 +108,9 @@ def _named_by_others(draft: Draft) -> Iterator[tuple[KeyPath, str, str | None]]:
         yield ("figures", name, "target"), "target", figure.target
     for name, table in draft.sensor_tables.items():
         yield ("sensors", name, "confirms"), "target", table.confirms or None
+    for name, button in draft.button_tables.items():
+        yield ("buttons", name, "rule"), "rule", button.rule or None
+    for name, table in draft.sensor_tables.items():
         yield ("sensors", name, "stop_below"), "actuator", None if table.stop_below is None else BASE_NAME
 
 
@@ -177,24 +176,6 @@ def _rules_do_something(draft: Draft) -> Iterator[Finding]:
         if not is_misspelt and table.keys().isdisjoint(KINDS):
             hint = f'write {ONE_KIND}, such as when = {{ below = "50 cm" }}'
             yield Finding(("rules", name), "the rule does nothing", hint, "missing-key")
-
-
-def _buttons(draft: Draft) -> Iterator[Finding]:
-    """Check that what buttons are for is there, and may be shelved for as long as they ask."""
-    for button, table in draft.button_tables.items():
-        asked, at = {table.press, table.hold}, ("buttons", button)
-        only_alarms = not asked.isdisjoint(_OF_ALARMS)
-        rules = {each.rule.name: each.rule for each in draft.compiled}
-        meant = {name: gate_of(rule) for name, rule in rules.items() if isinstance(rule, AlarmRule) or not only_alarms}
-        unread = draft.tables("rules").keys() - draft.rules.keys()
-        if table.rule and table.rule not in {*meant, *unread}:
-            hint = did_you_mean_or_list(table.rule, meant)
-            yield Finding((*at, "rule"), f"there is no alarm '{table.rule}'", hint, "unknown-name")
-        longest_s = meant[table.rule].shelve_max_s if table.rule in meant else math.inf
-        if "shelve" in asked and longest_s < (table.shelve_for or 1.0):
-            message = f"'{table.rule}' may be shelved for {longest_s:g} s at most (shelve_max)"
-            key = "rule" if table.shelve_for is None else "shelve_for"
-            yield Finding((*at, key), message, "shorten shelve_for, or raise shelve_max", "shelve-too-long")
 
 
 # Conditions that need what is not there, or never hold ----------------------------------------------------------------
@@ -367,7 +348,7 @@ def _loops_stable(draft: Draft) -> Iterator[Finding]:
 
 
 _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
-    _rules_do_something, _references, _cycles, _topics, _one_target_named, _names_once, _buttons, _conditions, _heights,
+    _rules_do_something, _references, _cycles, _topics, _one_target_named, _names_once, _conditions, _heights,
     _outputs_fit, _safety_first, _used_once, _cameras, _world_around, _never_blind_for_long, _watchdog_after_leases,
     _loops_stable,
 )  # fmt: skip

@@ -335,11 +335,6 @@ def load_driver(group: str, name: str) -> type[DriverOptions]:
     try:
         driver = matching[0].load()
     except ImportError as error:
-        if matching[0].module == error.name:  # a source that was updated: the names still point to its old files
-            raise DriverUnavailableError(
-                f"the driver '{name}' is no longer in {error.name}, where it was when stadimeter was set up; "
-                "set it up again: in a copy of the source by 'make demo', else by installing the package again"
-            ) from error
         raise DriverUnavailableError(
             f"the driver '{name}' needs a library that is not installed: {error}; install it and try again"
         ) from error

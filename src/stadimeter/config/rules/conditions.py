@@ -40,7 +40,7 @@ from stadimeter.core.conditions.of_rules import (
     SequenceCondition,
     UndeliveredCondition,
 )
-from stadimeter.core.conditions.quantities import AXES, QUANTITIES, STILL_WITHIN_M, Axis, DistanceKind, noun_of
+from stadimeter.core.conditions.quantities import AXES, QUANTITIES, STILL_WITHIN_M, Axis, DistanceKind
 from stadimeter.core.conditions.remembered import FigureQuantity, RememberedCondition, RememberedFigure, Window
 from stadimeter.core.conditions.schedule import DateSpan, ScheduleCondition, Sun
 from stadimeter.core.conditions.sight import CountCondition, PresenceCondition
@@ -159,13 +159,13 @@ PROBABILITY_OF_SPEED_FOR_SAFETY = 0.8
 # Of a figure that is compared as it is.
 AS_IT_IS = Likelihood(deadband_sigmas=0.0, probability_on=None, probability_off=0.5)
 
-# By the SI unit, how a quantity is written: its units, what that is, and an example.
+# By the SI unit, how a quantity is written: its units, and an example.
 _WRITTEN = {
-    "m": (units.LENGTHS_M, "a length", "2 m"),
-    "rad": (units.ANGLES_RAD, "an angle", "20 deg"),
-    "m/s": (units.SPEEDS_MPS, "a speed", "0.5 m/s"),
-    "s": (units.DURATIONS_S, "a time", "10 min"),
-    SIZE_UNIT: (units.SIZES, "a share of the picture's width", "20 %"),
+    "m": (units.LENGTHS_M, "2 m"),
+    "rad": (units.ANGLES_RAD, "20 deg"),
+    "m/s": (units.SPEEDS_MPS, "0.5 m/s"),
+    "s": (units.DURATIONS_S, "10 min"),
+    SIZE_UNIT: (units.SIZES, "20 %"),
 }
 _ANY = units.Units(
     units.LENGTHS_M.most, {unit: size for known, *_ in _WRITTEN.values() for unit, size in known.items()}
@@ -182,15 +182,7 @@ def parse_figure(text: object, quantity: str) -> float:
     Raises:
         ValueError: It is none, has the unit of another quantity, or is below zero where the quantity cannot be.
     """
-    known, kind, example = _WRITTEN[QUANTITIES[quantity].unit]
-    try:
-        value = units.parse_quantity(text, known, example)
-    except ValueError:
-        _, unit = units.parse_any_quantity(str(text))  # one of no quantity at all is an error here
-        if unit == known.si_unit:
-            raise
-        message = f"{text!r} is in {unit}, and the {noun_of(quantity)} is {kind}, such as {example!r}"
-        raise ValueError(message) from None
+    value = units.parse_quantity(text, *_WRITTEN[QUANTITIES[quantity].unit])
     if value < 0 and not QUANTITIES[quantity].is_signed:
         raise ValueError(f"{text!r} is below zero")
     return value

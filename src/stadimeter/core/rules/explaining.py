@@ -93,11 +93,6 @@ class Explanation(Struct, frozen=True, kw_only=True):
         at_s: The moment, on the run's clock.
         sentence: All that matters, in words.
         evidence: The figures behind its condition, for each part of it; none for ramps and follow rules.
-        timers: What it counts, in words.
-        inhibits: What keeps it quiet, in words.
-        settings: Which of its thresholds an operator has set, in words.
-        winner: Who commands its output: a rule, ``safety``, or ``safe``; empty for a rule without output.
-        losers: The rules that asked for that output too.
     """
 
     rule: str
@@ -105,11 +100,6 @@ class Explanation(Struct, frozen=True, kw_only=True):
     status: RuleStatus
     sentence: str
     evidence: tuple[Evidence, ...] = ()
-    timers: tuple[str, ...] = ()
-    inhibits: tuple[str, ...] = ()
-    settings: tuple[str, ...] = ()
-    winner: str = ""
-    losers: tuple[str, ...] = ()
 
 
 def explain(decision: Decision, name: str, *, with_probability: bool = True) -> Explanation:
@@ -132,19 +122,19 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
     output = next((trace for trace in decision.outputs if trace.output == rule.output), None)
     if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
         alarm = _alarm(rule, step, inputs, with_probability=with_probability)
-        are_set = describe_thresholds(step.record, inputs.now_s)
-        clauses = [*alarm, *_consequence(rule, step, decision, inputs, output), *are_set]
-        timers, inhibits = tuple(_timers(rule, step.record, inputs.now_s)), tuple(_inhibits(rule, step.record, inputs))
+        does = _consequence(rule, step, decision, inputs, output)
+        clauses = [*alarm, *does, *describe_thresholds(step.record, inputs.now_s)]
         leaves = step.record.timers.leaves
         found = collect_evidence(rule.condition, inputs, leaves, is_active=step.record.is_judged_by_its_end)
     else:
-        timers, inhibits, found, are_set = (), (), (), ()
+        inhibits, found = "", ()
+        are_set: tuple[str, ...] = ()
         if isinstance(step, GatedStep):
             gate = gate_of(rule)
-            inhibits = tuple(_inhibits(gate, step.record, inputs))
+            inhibits = ", ".join(_inhibits(gate, step.record, inputs))
             are_set = describe_thresholds(step.record, inputs.now_s)
             found = collect_evidence(gate.condition, inputs, step.held, is_active=step.is_open is True)
-        quiet = [f"kept quiet: {', '.join(inhibits)}"] if inhibits else []
+        quiet = [f"kept quiet: {inhibits}"] if inhibits else []
         does = _consequence(rule, step, decision, inputs, output)
         clauses = [f"{step.trace.status.value}: {reasons[name]}", *quiet, *does, *are_set]
     clauses += _about_target(inputs, rule, with_remark=with_probability)
@@ -154,11 +144,6 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
         status=step.trace.status,
         sentence="; ".join(clauses),
         evidence=found,
-        timers=timers,
-        inhibits=inhibits,
-        settings=are_set,
-        winner=output.winner if output else "",
-        losers=output.losers if output else (),
     )
 
 
