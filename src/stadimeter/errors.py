@@ -95,15 +95,10 @@ class Problem(Struct, frozen=True):
 
 
 class ConfigError(StadimeterError, ValueError):
-    """A configuration, a camera file or an option of the command line is wrong.
+    """A configuration, a camera file or an option of the command line is wrong."""
 
-    Attributes:
-        warnings: What else deserves a look, as far as a wrong configuration allows.
-    """
-
-    def __init__(self, problems: Iterable[Problem] | str, warnings: Iterable[Problem] = ()) -> None:
+    def __init__(self, problems: Iterable[Problem] | str) -> None:
         self.problems = (Problem(problems),) if isinstance(problems, str) else tuple(problems)
-        self.warnings = tuple(warnings)
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
 

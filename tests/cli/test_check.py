@@ -113,16 +113,6 @@ def test_a_warning_counts_only_if_that_is_wanted(unheard: Path, arguments: tuple
     assert run_check(str(unheard), *arguments).exit_code == code
 
 
-def test_an_error_does_not_hide_the_warnings_about_other_rules(unheard: Path) -> None:
-    unheard.write_text(f'{UNHEARD}[rules.wrong]\nwhen = {{ abovee = "1 m" }}\n', encoding="utf-8")
-    result = run_check(str(unheard))
-    assert result.exit_code == 2
-    assert result.stderr.splitlines()[-1] == f"1 error, 1 warning: {unheard} cannot be used"
-    record = json.loads(run_check(str(unheard), "--json").stdout)
-    assert [problem["code"] for problem in record["problems"]] == ["unknown-key"]
-    assert [warning["code"] for warning in record["warnings"]] == ["unheard"]
-
-
 # The command `schema` prints what editors complete from.
 
 

@@ -39,7 +39,6 @@ def found(file: Path) -> Iterator[tuple[str, Problem]]:
         configuration = load_configuration(file)
     except ConfigError as error:
         yield from (("error", problem) for problem in error.problems)
-        yield from (("warning", problem) for problem in error.warnings)
     else:
         warnings = (*configuration.warnings, *feasibility_warnings(configuration))
         yield from (("warning", problem) for problem in warnings)
@@ -70,16 +69,14 @@ def test_each_class_has_a_file_that_fails_and_one_that_passes() -> None:
     assert [file.name.replace(".bad.", ".good.") for file in BAD] == [file.name for file in GOOD]
 
 
-def test_a_broken_rule_hides_neither_errors_nor_warnings_of_the_others(load: Load, sound: str) -> None:
+def test_a_broken_rule_hides_no_errors_of_the_others(load: Load, sound: str) -> None:
     text = (
         f'{sound}[rules.broken]\nactuator = "motor"\nwhen = {{ belwo = "1 m" }}\n'
         '[rules.lost]\nactuator = "buzer"\nwhen = { lost = true }\n'
-        '[rules.alone]\nwhen = { below = "80 cm" }\n'
     )
     with pytest.raises(ConfigError) as caught:
         load(text)
     assert [problem.code for problem in caught.value.problems] == ["unknown-key", "unknown-name"]
-    assert [warning.code for warning in caught.value.warnings] == ["unheard"]
 
 
 def test_a_condition_nested_five_hundred_deep_is_one_clear_error(problems_of: Problems, sound: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -90,15 +90,11 @@ def _in_order(warnings: tuple[Problem, ...]) -> tuple[Problem, ...]:
 
 def _report_errors(config: Path, error: ConfigError, *, as_json: bool) -> None:
     if as_json:
-        _print_json(error.problems, error.warnings, ())
+        _print_json(error.problems, (), ())
         return
     console = prose_console(stderr=True)
-    sources: dict[str, list[str]] = {}
-    print_problems(console, error.problems, "error", sources)
-    print_problems(console, error.warnings, "warning", sources)
-    count = _count_of(len(error.problems), "error")
-    also = f", {_count_of(len(error.warnings), 'warning')}" if error.warnings else ""
-    console.print(Text(f"{count}{also}: {config} cannot be used", "bold red"))
+    print_problems(console, error.problems, "error")
+    console.print(Text(f"{_count_of(len(error.problems), 'error')}: {config} cannot be used", "bold red"))
 
 
 def _report_success(
@@ -153,23 +149,18 @@ def prose_console(*, stderr: bool = False) -> Console:
     return console
 
 
-def print_problems(
-    console: Console, problems: Iterable[Problem], kind: Kind, sources: dict[str, list[str]] | None = None
-) -> None:
-    """Print each problem with its line, underlined, and what to do about it. Files that are read are added."""
-    sources = {} if sources is None else sources
-    every = list(problems)
-    for problem in every[:MAX_SHOWN]:
-        if problem.file not in sources:
-            sources[problem.file] = _lines(problem.file)
+def print_problems(console: Console, problems: Sequence[Problem], kind: Kind) -> None:
+    """Print each problem with its line, underlined, and what to do about it."""
+    lines = {file: _lines(file) for file in {problem.file for problem in problems}}
+    for problem in problems[:MAX_SHOWN]:
         console.print(_title(problem, kind))
         margin = " " * (len(str(problem.line)) + 2)
-        for line in _fragment(problem, sources[problem.file], kind):
+        for line in _fragment(problem, lines[problem.file], kind):
             console.print(line)
         if problem.hint:
             console.print(Text.assemble(f"{margin}   ", (problem.hint, "green")))
-    if len(every) > MAX_SHOWN:
-        console.print(f"and {len(every) - MAX_SHOWN} more of this kind")
+    if len(problems) > MAX_SHOWN:
+        console.print(f"and {len(problems) - MAX_SHOWN} more of this kind")
 
 
 def _title(problem: Problem, kind: Kind) -> Text:

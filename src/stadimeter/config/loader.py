@@ -115,7 +115,7 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
     findings = [*draft.findings, *error_findings(draft), *not_hidden]
     found = [*problems(findings, str(path), source.spans), *draft.file_problems]
     if found or draft.camera is None:
-        raise ConfigError(found, _warnings(draft, path, source, findings))
+        raise ConfigError(found)
     parts: dict[str, Any] = {name: getattr(draft, name) for name in ConfiguredParts.__struct_fields__}
     return Configuration(
         **parts,
@@ -194,9 +194,8 @@ def _output(draft: Draft, name: str, table: ActuatorTable | BaseTable) -> Output
     return replace(table.to_plan(name), track_width_m=getattr(options, "track_width", None), tilts=tilts)
 
 
-def _warnings(draft: Draft, path: Path, source: TomlSource, errors: list[Finding] | None = None) -> tuple[Problem, ...]:
-    """List what deserves a look; beside errors as far as these allow."""
-    from stadimeter.config.warnings import rule_warnings, warning_findings  # noqa: PLC0415 - no run needs it to start
+def _warnings(draft: Draft, path: Path, source: TomlSource) -> tuple[Problem, ...]:
+    """List what deserves a look."""
+    from stadimeter.config.warnings import warning_findings  # noqa: PLC0415 - no run needs it to start
 
-    found = warning_findings(draft) if errors is None else rule_warnings(draft, errors)
-    return problems(found, str(path), source.spans)
+    return problems(warning_findings(draft), str(path), source.spans)

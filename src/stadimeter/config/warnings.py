@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from stadimeter.config.checks import rule_names, written_conditions
@@ -104,14 +104,7 @@ MAX_AUTO_STOP_S = 0.5
 
 def warning_findings(draft: Draft) -> Iterator[Finding]:
     """Find what to look at again in a configuration without errors."""
-    yield from dict.fromkeys(finding for check in (*_ABOUT_RULES, *_ABOUT_PARTS) for finding in check(draft))
-
-
-def rule_warnings(draft: Draft, errors: Iterable[Finding]) -> Iterator[Finding]:
-    """Find what to look at again in those rules of a configuration with errors that have none themselves."""
-    wrong = {finding.path[:2] for finding in errors}
-    found = () if ("rules",) in wrong else dict.fromkeys(each for check in _ABOUT_RULES for each in check(draft))
-    yield from (each for each in found if each.path[0] == "rules" and each.path[:2] not in wrong)
+    yield from dict.fromkeys(finding for check in _CHECKS for finding in check(draft))
 
 
 # Rules that do nothing, or drive blindly ------------------------------------------------------------------------------
@@ -222,8 +215,8 @@ def _lens_centred(draft: Draft) -> Iterator[Finding]:
         yield Finding(("camera", "model"), words, "calibrate with a board", "off-centre")
 
 
-_ABOUT_RULES: tuple[Callable[[Draft], Iterator[Finding]], ...] = (_rules_matter, _motion_blind)
-_ABOUT_PARTS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
+_CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
+    _rules_matter, _motion_blind,
     _outputs_used, _leases_long_enough, _camera_for_motion, _runs_on, _taken_pins, _clips_written, _lens_centred,
     rule_test_warnings, secret_warnings,
 )  # fmt: skip

@@ -54,10 +54,10 @@ def check(desk: Desk, text: str, files: dict[str, str] | None = None, *, tests: 
     try:
         found = load_text(desk, text, files)
     except ConfigError as error:
-        return {"problems": _list_problems(error.problems, error.warnings), "words": [], "rules": [], "tests": []}
+        return {"problems": _list_problems(error.problems, "error"), "words": [], "rules": [], "tests": []}
     warnings = (*found.warnings, *feasibility_warnings(found), *warnings_here(found))
     return {
-        "problems": _list_problems((), warnings),
+        "problems": _list_problems(warnings, "warning"),
         "words": list(describe(found)),
         "rules": _rule_lines(found),
         "tests": _run_tests(found) if tests else [],
@@ -120,11 +120,8 @@ def _texts(desk: Desk, text: str, files: Mapping[str, str]) -> Texts:
     return {**{path_from(place.parent, name): each for name, each in files.items()}, place: text}
 
 
-def _list_problems(errors: tuple[Problem, ...], warnings: tuple[Problem, ...]) -> list[dict[str, Any]]:
-    found = [("error", each) for each in errors] + [("warning", each) for each in warnings]
-    return [
-        {**plain(problem), "severity": severity} for severity, problem in sorted(found, key=lambda each: each[1].line)
-    ]
+def _list_problems(problems: tuple[Problem, ...], severity: str) -> list[dict[str, Any]]:
+    return [{**plain(problem), "severity": severity} for problem in sorted(problems, key=lambda each: each.line)]
 
 
 def _rule_lines(found: Configuration) -> list[dict[str, Any]]:
