@@ -41,7 +41,7 @@ def given(text: str) -> str:
 
 def test_a_test_has_a_name_an_input_and_expectations(load: Load, sound: str) -> None:
     text = sound + a_test(f'name = "hover"\n{HOVER}expect.near = {{ transitions_max = 2 }}\nexpect.motor = {{}}\n')
-    text = text.replace("expect.motor = {}", "expect.motor = { level_max = 0 }")
+    text = text.replace("expect.motor = {}", "expect.motor = { level_at = { at = '1 s', level = 0 } }")
     (test,) = load(text).tests
     assert test.name == "hover"
     assert text.splitlines()[test.line - 1] == "[[tests]]"

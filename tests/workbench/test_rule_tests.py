@@ -140,12 +140,9 @@ def test_too_few_and_too_many_are_told_with_their_times(run: Run) -> None:
 
 
 def test_an_output_fails_with_who_commands_it_and_why(run: Run) -> None:
-    failure = failure_of(run(hovering("30 cm", "2 s", "buzzer = { level_max = 0.5 }")))
-    assert failure.got.startswith("level 1.00 at 0.")
+    failure = failure_of(run(hovering("30 cm", "2 s", 'buzzer = { level_at = { at = "1 s", max = 0.5 } }')))
+    assert failure.got.startswith("level 1.00 at 1.")
     assert failure.why.startswith("level 1.00, commanded by near: 0.3")
-    failure = failure_of(run(hovering("1 m", "2 s", "buzzer = { level_reaches = 0.5 }")))
-    assert failure.expected == "0.50 reached"
-    assert failure.got.startswith("0.00 at most")
     failure = failure_of(run(hovering("3 m", "3 s", 'base = { stopped_at = "3 s" }')))
     assert failure.why.startswith("0.30 m/s, 0 deg/s, commanded by follow: ")
     failure = failure_of(run(hovering("3 m", "3 s", 'base = { speed_max = "0.1 m/s" }')))

@@ -7,7 +7,9 @@ import json
 import re
 import struct
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -259,17 +261,20 @@ crop_px = {list(optics.crop_px)!r}
 def _uncertainty(uncertainty: LensUncertainty | None) -> str:
     if uncertainty is None:
         return ""
-    rows, left = "", list(uncertainty.correlations)
-    for count in range(len(PARAMETERS) - 1, 0, -1):
-        rows += f"    {', '.join(map(repr, left[:count]))},\n"
-        left = left[count:]
     return f"""
 # Standard deviations of {", ".join(PARAMETERS)}, and their correlations, row by row above the
 # diagonal: from them follows how sure a distance is at each place in the picture.
 lens_sigmas = {list(uncertainty.sigmas)!r}
 lens_correlations = [
-{rows}]
+{_rows(uncertainty.correlations, len(PARAMETERS))}]
 """
+
+
+def _rows(correlations: Sequence[float], count: int) -> str:
+    """Return the part of a matrix above its diagonal, row by row."""
+    left = iter(correlations)
+    rows = (", ".join(repr(each) for each in islice(left, length)) for length in range(count - 1, 0, -1))
+    return "".join(f"    {row},\n" for row in rows)
 
 
 def _subsampling(model: CameraModel) -> str:
@@ -281,11 +286,19 @@ def _one_line(text: str) -> str:
 
 
 def _model(table: Mapping[str, Any], file: str, spans: Mapping[KeyPath, SourceSpan]) -> CameraModel:
-    try:
+    with _located(CameraModelTable, table, file, spans):
         return CameraModelTable.model_validate(dict(table)).to_model()
+
+
+@contextmanager
+def _located(
+    model: type[BaseModel], table: Mapping[str, Any], file: str, spans: Mapping[KeyPath, SourceSpan]
+) -> Iterator[None]:
+    """Give what is wrong with a table its line."""
+    try:
+        yield
     except ValidationError as error:
-        found = findings_of(error, CameraModelTable, table, ())
-        raise ConfigError(problems(found, file, spans)) from error
+        raise ConfigError(problems(findings_of(error, model, table, ()), file, spans)) from error
     except CalibrationError as error:
         raise ConfigError(problems([Finding((error.key,), str(error), code="bad-value")], file, spans)) from error
 
@@ -375,16 +388,8 @@ def load_stereo_rig(path: Path, texts: Texts | None = None) -> StereoRig:
     source = read_toml(path, CAMERA_FILE_MAX_BYTES, missing_hint=_HOW_TO_MAKE_ONE, texts=texts)
     if "fx_px" in source.table:
         raise ConfigError([Problem("this is a camera file, of one camera", str(path), hint=_HOW_TO_MAKE_ONE)])
-    return _rig(source.table, str(path), source.spans)
-
-
-def _rig(table: Mapping[str, Any], file: str, spans: Mapping[KeyPath, SourceSpan]) -> StereoRig:
-    try:
-        return StereoFileTable.model_validate(dict(table)).to_rig()
-    except ValidationError as error:
-        raise ConfigError(problems(findings_of(error, StereoFileTable, table, ()), file, spans)) from error
-    except CalibrationError as error:
-        raise ConfigError(problems([Finding((error.key,), str(error), code="bad-value")], file, spans)) from error
+    with _located(StereoFileTable, source.table, str(path), source.spans):
+        return StereoFileTable.model_validate(dict(source.table)).to_rig()
 
 
 def save_stereo_rig(path: Path, rig: StereoRig) -> None:
@@ -395,10 +400,6 @@ def save_stereo_rig(path: Path, rig: StereoRig) -> None:
 def stereo_file_text(rig: StereoRig) -> str:
     """Return a stereo file that `load_stereo_rig` reads as the same cameras."""
     sigmas, correlations = split_covariance(rig.covariance)
-    rows, left = "", [float(f"{each:.10g}") for each in correlations]
-    for count in range(UNKNOWNS - 1, 0, -1):
-        rows += f"    {', '.join(map(repr, left[:count]))},\n"
-        left = left[count:]
     notes = "".join(f"    {as_toml(note)},\n" for note in rig.provenance.notes)
     return f"""\
 # Two cameras for stadimeter: {rig.baseline_m:.4f} m apart.
@@ -412,7 +413,7 @@ place_m = {list(rig.place_m)!r}
 # place_m; and their correlations, row by row above the diagonal.
 sigmas = {_figures(sigmas)}
 correlations = [
-{rows}]
+{_rows([float(f"{each:.10g}") for each in correlations], UNKNOWNS)}]
 
 method = {as_toml(rig.provenance.method)}
 date = {as_toml(rig.provenance.date)}

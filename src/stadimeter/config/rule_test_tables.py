@@ -115,10 +115,6 @@ class ExpectTable(Section):
     """How many messages and notifications it sends."""
     level_at: Annotated[list[LevelAtTable], BeforeValidator(_as_list), Field(min_length=1)] | None = None
     """What the level of an actuator is at certain times."""
-    level_max: Share | None = None
-    """What its level never exceeds."""
-    level_reaches: Share | None = None
-    """What its level reaches at some time."""
     speed_max: Speed | None = None
     """What a base's speed never exceeds, either way, in m/s."""
     stopped_at: Moments | None = None
@@ -134,7 +130,7 @@ class ExpectTable(Section):
 
 
 # Keys of the table, by what they can be expected of.
-OF_ACTUATORS = ("level_at", "level_max", "level_reaches")
+OF_ACTUATORS = ("level_at",)
 OF_BASES = ("speed_max",)
 OF_OUTPUTS = ("stopped_at", "acts_at")
 OF_RULES = tuple(key for key in ExpectTable.model_fields if key not in {*OF_ACTUATORS, *OF_BASES, *OF_OUTPUTS})

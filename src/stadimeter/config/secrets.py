@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -53,19 +52,17 @@ def without_secrets(draft: Draft, text: str, spans: Mapping[KeyPath, SourceSpan]
     safe = {path: shown for path, value in _addresses(draft) if (shown := _without_secrets(path, value)) != value}
     safe |= dict.fromkeys(_secrets(draft), HIDDEN)
     lines = text.split("\n")
-    for path in sorted(safe.keys() & spans.keys(), key=lambda path: spans[path].column, reverse=True):
-        span = spans[path]  # the last of a line first, so that the others stay where they are
-        line = lines[span.line - 1]
-        hidden = _replaced(line[span.column : span.end_column], safe[path])
-        lines[span.line - 1] = line[: span.column] + hidden + line[span.end_column :]
-    safe_text = words_for_people("\n".join(lines))  # comments too, and text over several lines
-    table = _parsed(safe_text) if safe else {}
     hint = "write it as text in simple quotes on the line of its key"
-    return safe_text, tuple(
-        Finding(path, "this may hold a secret that cannot be left out", hint, "secret")
-        for path, shown in safe.items()
-        if (value := _value(table, path)) != shown and (shown == HIDDEN or value != _without_secrets(path, str(value)))
-    )
+    findings = []
+    for path in sorted(safe, key=lambda path: spans[path].column if path in spans else 0, reverse=True):
+        span = spans.get(path)  # the last of a line first, so that the others stay where they are
+        before = lines[span.line - 1] if span else ""
+        hidden, count = _replaced(before[span.column : span.end_column], safe[path]) if span else ("", 0)
+        if span and count:
+            lines[span.line - 1] = before[: span.column] + hidden + before[span.end_column :]
+        elif safe[path] == HIDDEN or words_for_people(str(_value(draft.table, path))) != safe[path]:
+            findings.append(Finding(path, "this may hold a secret that cannot be left out", hint, "secret"))
+    return words_for_people("\n".join(lines)), tuple(findings)  # comments too, and text over several lines
 
 
 def _without_secrets(path: KeyPath, text: str) -> str:
@@ -74,9 +71,9 @@ def _without_secrets(path: KeyPath, text: str) -> str:
     return address_for_people(text) if is_address else words_for_people(text)
 
 
-def _replaced(key_and_value: str, value: str) -> str:
+def _replaced(key_and_value: str, value: str) -> tuple[str, int]:
     quoted = json.dumps(value, ensure_ascii=False)
-    return _TEXT_VALUE.sub(lambda _: f" {quoted}", key_and_value)
+    return _TEXT_VALUE.subn(lambda _: f" {quoted}", key_and_value)
 
 
 def _hint(draft: Draft, path: KeyPath) -> str:
@@ -106,13 +103,6 @@ def _addresses(draft: Draft) -> Iterator[tuple[KeyPath, str]]:
             waiting += [((*path, number), each) for number, each in enumerate(value)]
         elif isinstance(value, str) and "://" in value and path not in secrets:
             yield path, value
-
-
-def _parsed(text: str) -> Mapping[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError:
-        return {}
 
 
 def _value(table: Any, path: KeyPath) -> Any:

@@ -16,7 +16,7 @@ from typing import Any
 
 from msgspec import Struct
 
-from stadimeter.config.files import read_untrusted_text, size_text
+from stadimeter.config.files import read_untrusted_text
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.toml_lines import KeyPath, SourceSpan, key_spans, syntax_error
 from stadimeter.core.bounds import MAX_PLAIN
@@ -52,7 +52,7 @@ def read_toml(path: Path, most_bytes: int, missing_hint: str = "", texts: Texts 
         ConfigError: It cannot be read, or as for `parse_toml`.
     """
     try:
-        text = _text_instead(path, most_bytes, texts or {})
+        text = (texts or {}).get(path)
         if text is None:
             text = read_untrusted_text(path, most_bytes)
     except UnreadableError as error:
@@ -61,13 +61,6 @@ def read_toml(path: Path, most_bytes: int, missing_hint: str = "", texts: Texts 
         hint = missing_hint if is_missing else "is it a TOML file?" if error.line else ""
         raise ConfigError([Problem(message, str(path), error.line, hint=hint, code=UNREADABLE)]) from error
     return parse_toml(text, str(path))
-
-
-def _text_instead(path: Path, most_bytes: int, texts: Texts) -> str | None:
-    text = texts.get(path)
-    if text is not None and len(text.encode(errors="replace")) > most_bytes:
-        raise UnreadableError(path, f"it is larger than {size_text(most_bytes)}, the most that is read of such a file")
-    return text
 
 
 def parse_toml(text: str, file: str) -> TomlSource:

@@ -327,20 +327,11 @@ class _OutputSubject(_Subject):
         expected, commands = self._expected, trial.commands[self.name]
         levels = [(each.at, *_level_check(each)) for each in expected.level_at or ()]
         yield from self.moments("level_at", trial, commands, levels, _does)
-        for key, most, words, figure in (
-            ("level_max", expected.level_max, "never above level {:.2f}", _level),
-            ("speed_max", expected.speed_max, "never faster than {:.2f} m/s", _speed_mps),
-        ):
-            if most is not None:
-                above = next(((at_s, each) for at_s, each in commands if figure(each) > most), None)
-                if above is not None:
-                    got = f"{_does(above[1])} at {above[0]:.2f} s"
-                    yield self.failure(key, words.format(most), got, above[0])
-        if (least := expected.level_reaches) is not None:
-            at_s, peak = max(commands, key=lambda change: _level(change[1]))
-            if _level(peak) < least - _ROUNDING_S:
-                got = f"{_level(peak):.2f} at most, at {at_s:.2f} s"
-                yield self.failure("level_reaches", f"{least:.2f} reached", got, at_s)
+        if expected.speed_max is not None:
+            above = next(((at_s, each) for at_s, each in commands if _speed_mps(each) > expected.speed_max), None)
+            if above is not None:
+                got = f"{_does(above[1])} at {above[0]:.2f} s"
+                yield self.failure("speed_max", f"never faster than {expected.speed_max:.2f} m/s", got, above[0])
         for key, words, wanted in (
             ("stopped_at", "at its safe value", True),
             ("acts_at", "not at its safe value", False),

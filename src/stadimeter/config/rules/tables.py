@@ -15,7 +15,6 @@ from pydantic import (
     Field,
     Tag,
     ValidationInfo,
-    field_validator,
     model_validator,
 )
 
@@ -363,13 +362,6 @@ class RampTable(Section):
     """Which way to err within the standard deviation."""
     dead_zone: Share = _RAMP.dead_zone
     """Levels below this are 0."""
-
-    @field_validator("start", "full", mode="before")
-    @classmethod
-    def _fits(cls, value: object, info: ValidationInfo) -> object:
-        if value is not None and "of" in info.data:
-            parse_figure(value, info.data["of"])
-        return value
 
     @model_validator(mode="after")
     def _one_way_only(self) -> Self:
