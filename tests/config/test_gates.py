@@ -68,7 +68,6 @@ def test_without_one_a_rule_always_acts_and_can_be_shelved(load):
             'severity = "safety"\nsuppress_when = { lost = true }\n',
             "a safety rule acts at once and always, so it has no suppress_when",
         ),
-        ('shelve_max = "5 s"\n', "'beep' may be shelved for 5 s at most (shelve_max)"),
         (
             f"{NEAR}escalation = [{{ topic = 'a', text = 'x', when = {{ rule = 'naer' }} }}]\n",
             "rules.near.escalation.0.when.rule: there is no rule 'naer'",
@@ -79,11 +78,3 @@ def test_what_cannot_be_meant_is_refused_with_words(load, rules, said):
     with pytest.raises(ConfigError) as caught:
         load(rules)
     assert said in str(caught.value)
-
-
-def test_a_button_can_only_keep_quiet_what_is_no_alarm(load, tmp_path):
-    load("")
-    path = tmp_path / "gates.toml"
-    path.write_text((SIMULATED_BALL + OUTPUTS).replace('press = "shelve"', 'press = "reset"\nhold = "shelve"'))
-    with pytest.raises(ConfigError, match="there is no alarm 'beep'"):
-        load_configuration(path)

@@ -20,6 +20,9 @@ from stadimeter.errors import Problem
 # The code of a finding that has none of its own.
 OTHER = "other"
 
+# The longest messages list what could have been written; longer ones repeat what was.
+_MAX_LENGTH = 600
+
 # The code of a mistake in a test of rules.
 OF_A_TEST = "test"
 
@@ -57,17 +60,22 @@ def problems(findings: Iterable[Finding], file: str, spans: Mapping[KeyPath, Sou
     located.sort(key=lambda pair: (pair[0].line, pair[0].column) if pair[0] else (0, 0))
     return tuple(
         Problem(
-            message=words_for_people(finding.message),
+            message=_readable(words_for_people(finding.message)),
             file=file,
             line=span.line if span else 0,
             column=span.column if span else 0,
             end_column=span.end_column if span else 0,
             key=".".join(str(part) or '""' for part in finding.path),
-            hint=words_for_people(finding.hint),
+            hint=_readable(words_for_people(finding.hint)),
             code=finding.code or (OF_A_TEST if finding.path[:1] == ("tests",) else OTHER),
         )
         for span, finding in located
     )
+
+
+def _readable(text: str) -> str:
+    """Cut what repeats a value of many pages."""
+    return text if len(text) <= _MAX_LENGTH else f"{text[:_MAX_LENGTH]}…"
 
 
 _MAX_VALUE_LENGTH = 60

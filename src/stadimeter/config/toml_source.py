@@ -78,7 +78,7 @@ def parse_toml(text: str, file: str) -> TomlSource:
             [Problem(f"this is not valid TOML: {message}", file, line, hint=hint, code="syntax")]
         ) from error
     except (RecursionError, ValueError) as error:  # a number of thousands of digits is no syntax error
-        message = _TOO_DEEP if isinstance(error, RecursionError) else f"a number is too long: {error}"
+        message = _TOO_DEEP if isinstance(error, RecursionError) else "a number has too many digits"
         raise ConfigError([Problem(message, file, hint="is it a configuration?", code="too-deep")]) from error
     if found := list(_out_of_bounds((), table)):
         raise ConfigError(problems(found, file, spans))
