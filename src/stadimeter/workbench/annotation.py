@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from msgspec import Struct, field
-from numpy.typing import NDArray
 
 from stadimeter.config.camera_file import with_optics
 from stadimeter.config.files import write_atomically
@@ -19,11 +18,7 @@ from stadimeter.core.detection import Detection, DetectionStatus, Points, Reject
 from stadimeter.core.frame import Image, Optics
 from stadimeter.errors import PictureError, reason_of
 
-# Labels in pictures: panels of text, and where they go: near what they name, and on nothing else if there is room ---
-#
-# The picture is divided into cells. What must stay visible gives its cells a high cost, and a summed-area table
-# gives the cost of what a label would cover at every place at once (F. Crow, Summed-area tables for texture
-# mapping, SIGGRAPH 1984): the cheapest place is the best one, not the first that does.
+# Labels in pictures: panels of text, each in the free place that is nearest to what it names --------------------------
 
 Colour = tuple[int, int, int]
 
@@ -59,11 +54,11 @@ class Panel:
         self.width = text_width + 3 * self._pad
         self.height = self._line_height * len(self._lines) + 2 * self._pad - round(8 * font)
 
-    def box_at(self, left: int, top: int) -> Box:
-        """Return its place at a corner, moved into the picture where it would reach beyond."""
+    @property
+    def room_px(self) -> tuple[int, int]:
+        """The farthest place of its left upper corner, to the right and down."""
         height, width = self._canvas.shape[:2]
-        left, top = max(0, min(left, width - self.width)), max(0, min(top, height - self.height))
-        return Box(left, top, left + self.width, top + self.height)
+        return width - self.width, height - self.height
 
     def draw(self, box: Box) -> None:
         """Draw it into its place."""
@@ -106,19 +101,6 @@ def _text_width(text: str, font: float, thickness: int) -> int:
     return int(sum(widths) + plus * (len(parts) - 1))
 
 
-# Along the longer side of a picture.
-MAX_CELLS = 320
-
-# What a covered cell costs: of a target or another label, and of something that may be covered if it must.
-TAKEN, USEFUL = 1.0, 3e-5
-
-# What a place costs for each cell between label and target, for each by which its middle is not below the target's,
-# and above the target instead of below.
-A_CELL_AWAY, A_CELL_ASIDE, ABOVE = 2e-3, 4e-4, 4e-3
-
-_BITS = 4
-
-
 class Box(NamedTuple):
     """A rectangle in pixels; right and bottom are beyond it."""
 
@@ -133,83 +115,29 @@ class Box(NamedTuple):
         return not (is_beside or self.bottom <= other.top or other.bottom <= self.top)
 
 
-class LabelPlace(NamedTuple):
-    """A place for a label, and whether nothing that matters is under it."""
+def free_place(panel: Panel, near: Box, taken: Sequence[Box], gap_px: float, margin_px: int = 0) -> Box | None:
+    """Return where a panel covers nothing that is taken, nearest to what it belongs to, below rather than above.
 
-    box: Box
-    is_free: bool
-
-
-class LabelRoom:
-    """A picture with what is in it already."""
-
-    def __init__(self, width_px: int, height_px: int) -> None:
-        self._width_px, self._height_px = width_px, height_px
-        self._cell_px = max(1, math.ceil(max(width_px, height_px) / MAX_CELLS))
-        self._cost = np.zeros((math.ceil(height_px / self._cell_px), math.ceil(width_px / self._cell_px)), np.float32)
-
-    def copy(self) -> LabelRoom:
-        """Return the same room, to try something in."""
-        other = LabelRoom(self._width_px, self._height_px)
-        other._cost = self._cost.copy()
-        return other
-
-    def take_outline(self, points: Points, margin_px: float, cost: float = TAKEN) -> None:
-        """Keep the inside of an outline free, and a margin around it."""
-        if not len(points) or not np.isfinite(points).all():
-            return
-        cells = np.clip((points + 0.5) / self._cell_px - 0.5, -4 * MAX_CELLS, 4 * MAX_CELLS)
-        hull = np.round(cv2.convexHull(cells.astype(np.float32)) * 2**_BITS).astype(np.int32)
-        mask = np.zeros(self._cost.shape, np.uint8)
-        cv2.fillConvexPoly(mask, hull, 1, cv2.LINE_8, _BITS)
-        reach = math.ceil(margin_px / self._cell_px) + 1
-        mask = np.asarray(cv2.dilate(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)), np.uint8)
-        self._cost = np.maximum(self._cost, cost * mask)
-
-    def take_box(self, box: Box, margin_px: float = 0.0, cost: float = TAKEN) -> None:
-        """Keep a rectangle free, and a margin around it."""
-        left, top = (max(0, math.floor((each - margin_px) / self._cell_px)) for each in (box.left, box.top))
-        right, bottom = (math.ceil((each + margin_px) / self._cell_px) for each in (box.right, box.bottom))
-        part = self._cost[top:bottom, left:right]
-        np.maximum(part, cost, out=part)
-
-    def place(self, width_px: int, height_px: int, near: Box, gap_px: float) -> LabelPlace:
-        """Return the best place for a label of this size; a label that is larger than the picture goes to its corner.
-
-        Args:
-            near: What it belongs to.
-            gap_px: How far from that it is best.
-        """
-        rows, columns = self._cost.shape
-        high, wide = (min(math.ceil(size / self._cell_px) + 1, most) for size, most in zip(
-            (height_px, width_px), (rows, columns), strict=True
-        ))  # fmt: skip
-        total = np.asarray(cv2.integral(self._cost), np.float64)
-        covered = total[high:, wide:] - total[:-high, wide:] - total[high:, :-wide] + total[:-high, :-wide]
-        cost = covered + self._unhandy(covered.shape, (wide, high), near, gap_px)
-        row, column = np.unravel_index(int(np.argmin(cost)), cost.shape)
-        left = max(0, min(int(column) * self._cell_px, self._width_px - width_px))
-        top = max(0, min(int(row) * self._cell_px, self._height_px - height_px))
-        box = Box(left, top, left + width_px, top + height_px)
-        return LabelPlace(box, bool(covered[row, column] < TAKEN / 2))
-
-    def is_free(self, box: Box) -> bool:
-        """Check whether nothing that matters is under a rectangle."""
-        rows = slice(max(0, box.top // self._cell_px), math.ceil(box.bottom / self._cell_px))
-        columns = slice(max(0, box.left // self._cell_px), math.ceil(box.right / self._cell_px))
-        return not (self._cost[rows, columns] >= TAKEN).any()
-
-    def _unhandy(self, shape: tuple[int, ...], size: tuple[int, int], near: Box, gap_px: float) -> NDArray[np.float64]:
-        """Return the cost of each place for where it is, by row and column of the label's corner."""
-        tops, lefts = np.arange(shape[0])[:, np.newaxis], np.arange(shape[1])[np.newaxis, :]
-        left, top, right, bottom = (each / self._cell_px for each in near)
-        gap = gap_px / self._cell_px
-        across = np.maximum(np.maximum(left - (lefts + size[0]), lefts - right), 0)
-        down = np.maximum(np.maximum(top - (tops + size[1]), tops - bottom), 0)
-        aside = np.abs(lefts + size[0] / 2 - (left + right) / 2)
-        is_above = tops + size[1] / 2 < (top + bottom) / 2
-        away = np.abs(np.hypot(across, down) - gap)
-        return np.asarray(A_CELL_AWAY * away + A_CELL_ASIDE * aside + ABOVE * is_above, np.float64)
+    Args:
+        gap_px: How far from that it is best.
+        margin_px: How far from the border of the picture it stays.
+    """
+    step = max(1, panel.height // 5)
+    lefts = [*range(margin_px, panel.room_px[0] - margin_px + 1, step)]
+    # A place in line with its target is always among them.
+    middle = round((near.left + near.right - panel.width) / 2)
+    lefts.append(max(margin_px, min(middle, panel.room_px[0] - margin_px)))
+    best, least = None, math.inf
+    for top in range(margin_px, panel.room_px[1] - margin_px + 1, step):
+        for left in lefts:
+            box = Box(left, top, left + panel.width, top + panel.height)
+            across = max(near.left - box.right, left - near.right, 0)
+            down = max(near.top - box.bottom, top - near.bottom, 0)
+            is_above = box.bottom <= near.top
+            away = abs(math.hypot(across, down) - gap_px) + abs(left - middle) / 5 + is_above * gap_px
+            if away < least and not any(box.meets(each) for each in taken):
+                best, least = box, away
+    return best
 
 
 # ----------------------------------------------------------------------------------------------------
@@ -231,13 +159,11 @@ FEW_MARKS = 4
 JPEG_QUALITY = 93
 SUBPIXEL_BITS = 4
 
-# Sizes of the letters of labels that are tried, until all labels find room.
-LABEL_SIZES = (1.0, 0.75, 0.55, 0.45)
+# Sizes of the letters of labels, of the panels of what was measured, and where there are many targets.
+LABEL_SIZE, LEGEND_SIZE, SMALL_SIZE = 1.0, 0.7, 0.5
 
-# Between a target and its label, in units of the picture's scale; from this many gaps on a line joins them. Where
-# one is further away than this share of the picture's longer side, all are written smaller.
-LEGEND_SIZE = 0.7
-GAP, LEADER_FROM, MAX_LABEL_SHARE = 12.0, 2.0, 0.08
+# Between a target and its label, in units of the picture's scale; from this many gaps on a line joins them.
+GAP, LEADER_FROM = 12.0, 2.0
 
 # Beyond this nothing is drawn: OpenCV's drawing counts in whole numbers of 32 bits.
 REACH_MAX_PX = 1e5
@@ -336,7 +262,7 @@ def _rim(candidate: RejectedCandidate, factor: int) -> Points:
     if candidate.corners_px:
         points = np.array(candidate.corners_px)
     else:
-        angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)
         around = np.column_stack([np.cos(angles), np.sin(angles)])
         points = np.array(candidate.centre_px) + candidate.size_px / 2 * around
     rim = _on_canvas(points, factor)
@@ -346,16 +272,10 @@ def _rim(candidate: RejectedCandidate, factor: int) -> Points:
 def _draw_rejected(canvas: Image, candidate: RejectedCandidate, factor: int, scale: float) -> None:
     """Draw a candidate with a thin line: its corners, or a ring of its size."""
     rim = _rim(candidate, factor)
-    if not len(rim):
-        return
-    x, y = (round(float(each) * 2**SUBPIXEL_BITS) for each in rim.mean(axis=0))
-    radius = round(candidate.size_px * factor / 2 * 2**SUBPIXEL_BITS)
     thickness = max(1, round(scale))
     for width, shade in ((thickness + max(1, round(scale)), DARK), (thickness, GREY)):
-        if candidate.corners_px:
+        if len(rim):
             _draw_polygon(canvas, rim, shade, width)
-        else:
-            cv2.circle(canvas, (x, y), radius, shade, width, cv2.LINE_AA, SUBPIXEL_BITS)
 
 
 def _draw_polygon(canvas: Image, corners: Points, colour: Colour, thickness: int) -> None:
@@ -393,116 +313,61 @@ def _draw_cross(canvas: Image, centre: Points, colour: Colour, scale: float) -> 
 
 def _draw_words(canvas: Image, marks: Sequence[Mark], factor: int, scale: float) -> None:
     """Write labels beside their targets, and what was measured where nothing is in the way."""
-    room = _room_around(canvas, marks, factor, scale)
-    seen = [mark for mark in marks if len(mark.detection.outline_px)]
-    placed, room = _labels(canvas, seen, room, factor, scale)
-    legend = _legend(canvas, marks, room, scale)
-    # Where the target fills the picture there is no room for both: what was measured begins with what the label says.
-    placed = [each for each in placed if not any(each[2].meets(box) for _, box in legend)]
-    for mark, _, box in placed:
-        _draw_leader(canvas, mark, box, factor, scale)
-    for panel, box in (*((panel, box) for _, panel, box in placed), *legend):
+    for mark, panel, box in place_words(canvas, marks, factor, scale):
+        if mark is not None:
+            _draw_leader(canvas, mark, box, factor, scale)
         panel.draw(box)
-        room.take_box(box)
-    for mark in marks:
-        for number, candidate in mark.rejected:
-            rim = _rim(candidate, factor)
-            if len(rim):
-                _draw_label(canvas, f"{number} {candidate.test}", rim, room, scale)
 
 
-def _room_around(canvas: Image, marks: Sequence[Mark], factor: int, scale: float) -> LabelRoom:
-    room = LabelRoom(canvas.shape[1], canvas.shape[0])
-    for mark in marks:
-        room.take_outline(_on_canvas(mark.detection.outline_px, factor), 4 * scale)
-        for _, candidate in mark.rejected:
-            room.take_outline(_rim(candidate, factor), scale, USEFUL)
-    return room
+def place_words(
+    canvas: Image, marks: Sequence[Mark], factor: int, scale: float
+) -> Iterator[tuple[Mark | None, Panel, Box]]:
+    """Yield what is written and where: labels, each with its target, then what was measured, and what was rejected.
 
-
-_Placed = list[tuple[Mark, "Panel", Box]]
-
-
-def _labels(
-    canvas: Image, marks: Sequence[Mark], room: LabelRoom, factor: int, scale: float
-) -> tuple[_Placed, LabelRoom]:
-    """Return a label for each target as large as all of them find room nearby, and what room is left."""
-    placed: _Placed = []
-    left = room
-    for size in LABEL_SIZES if marks else ():
-        placed, left = [], room.copy()
-        is_good = True
-        for mark in sorted(marks, key=lambda each: -float(each.detection.outline_px[:, 1].max())):
-            panel = Panel((mark.headline,), _COLOURS[mark.detection.status], size, scale, canvas)
-            near = _box_around(_on_canvas(mark.detection.outline_px, factor))
-            place = left.place(panel.width, panel.height, near, GAP * scale)
-            left.take_box(place.box, 2 * scale)
-            is_good = is_good and place.is_free and _is_beside(near, place.box, MAX_LABEL_SHARE * max(canvas.shape[:2]))
-            placed.append((mark, panel, place.box))
-        if is_good:
-            break
-    return placed, left
-
-
-def _is_beside(target: Box, label: Box, reach_px: float) -> bool:
-    """Check whether a label is above, below or beside its target's middle, and near it."""
-    across = max(target.left - label.right, label.left - target.right, 0)
-    down = max(target.top - label.bottom, label.top - target.bottom, 0)
-    is_in_column = 2 * label.left <= target.left + target.right <= 2 * label.right
-    is_in_row = 2 * label.top <= target.top + target.bottom <= 2 * label.bottom
-    return (is_in_column or is_in_row) and math.hypot(across, down) < reach_px
-
-
-def _legend(canvas: Image, marks: Sequence[Mark], room: LabelRoom, scale: float) -> list[tuple[Panel, Box]]:
-    """Return the panels of what was measured, from the lower left corner on; first those with no label beside a target.
-
-    Where one of the others finds no room, all of them are left out: their labels say the most.
+    Nothing is written where there is no room for it; what was measured may cover its target if that has no label, and
+    is left out if there are more than two targets with a label.
     """
-    margin = round(14 * scale)
-    corner = Box(0, canvas.shape[0], 0, canvas.shape[0])
-    alone: list[tuple[Panel, Box]] = []
-    beside: list[tuple[Panel, Box]] = []
-    is_free = True
-    for _, mark in sorted(enumerate(marks), key=lambda each: (len(each[1].detection.outline_px) > 0, -each[0])):
-        if not mark.lines:
-            continue
-        has_label = len(mark.detection.outline_px) > 0
-        panel = Panel(mark.lines, _COLOURS[mark.detection.status], LEGEND_SIZE, scale, canvas)
-        place = room.place(panel.width + 2 * margin, panel.height + 2 * margin, corner, 0.0)
-        box = panel.box_at(place.box.left + margin, place.box.top + margin)
-        room.take_box(box)
-        is_free = is_free and (place.is_free or not has_label)
-        (beside if has_label else alone).append((panel, box))
-    return [*alone, *(beside if is_free or len(marks) == 1 else [])]
+    height, margin = canvas.shape[0], round(14 * scale)
+    near = [_box_around(_on_canvas(mark.detection.outline_px, factor)) for mark in marks]
+    taken, panels = [each for each in near if each], list[Box]()
+    unnamed = list[Mark]()
+    for mark, target in zip(marks, near, strict=True):
+        size = LABEL_SIZE if len(marks) <= FEW_MARKS else SMALL_SIZE
+        panel = Panel((mark.headline,), _COLOURS[mark.detection.status], size, scale, canvas)
+        if target and (box := free_place(panel, target, [*taken, *panels], GAP * scale)):
+            panels.append(box)
+            yield mark, panel, box
+        else:
+            unnamed.append(mark)
+    corner = Box(0, height, 0, height)
+    named = [each for each in reversed(marks) if each not in unnamed]
+    for mark in (*reversed(unnamed), *(named if len(marks) <= 2 else [])):
+        panel = Panel(mark.lines or ("",), _COLOURS[mark.detection.status], LEGEND_SIZE, scale, canvas)
+        covered = panels if mark in unnamed else [*taken, *panels]
+        if mark.lines and (box := free_place(panel, corner, covered, 0.0, margin)):
+            panels.append(box)
+            yield None, panel, box
+    for number, candidate in (each for mark in marks for each in mark.rejected):
+        panel = Panel((f"{number} {candidate.test}",), GREY, SMALL_SIZE, scale, canvas)
+        rim = _box_around(_rim(candidate, factor))
+        if rim and (box := free_place(panel, rim, [*taken, *panels], 2 * scale)):
+            panels.append(box)
+            yield None, panel, box
 
 
-def _draw_label(canvas: Image, words: str, rim: Points, room: LabelRoom, scale: float) -> None:
-    """Write what a candidate is called at one of its corners where nothing is in the way, at best the upper right."""
-    panel = Panel((words,), GREY, 0.5, scale, canvas)
-    gap = round(2 * scale)
-    boxes = []
-    for across, down in ((1, -1), (-1, -1), (1, 1), (-1, 1)):
-        x, y = rim[np.argmax(rim @ (across, down))].tolist()
-        left = round(x) + gap if across > 0 else round(x) - gap - panel.width
-        boxes.append(panel.box_at(left, round(y) + gap if down > 0 else round(y) - gap - panel.height))
-    box = next((each for each in boxes if room.is_free(each)), boxes[0])
-    room.take_box(box)
-    panel.draw(box)
-
-
-def _box_around(points: Points) -> Box:
-    left, top = np.floor(np.clip(points.min(axis=0), -REACH_MAX_PX, REACH_MAX_PX)).astype(int).tolist()
-    right, bottom = np.ceil(np.clip(points.max(axis=0), -REACH_MAX_PX, REACH_MAX_PX)).astype(int).tolist()
+def _box_around(points: Points) -> Box | None:
+    if not len(points) or not np.isfinite(points).all():
+        return None
+    within = np.clip(points, -REACH_MAX_PX, REACH_MAX_PX)
+    left, top = np.floor(within.min(axis=0)).astype(int).tolist()
+    right, bottom = np.ceil(within.max(axis=0)).astype(int).tolist()
     return Box(left, top, right, bottom)
 
 
 def _draw_leader(canvas: Image, mark: Mark, box: Box, factor: int, scale: float) -> None:
     """Draw a line from a label that is away from its target to the target's outline."""
     outline = _on_canvas(mark.detection.outline_px, factor)
-    if mark.has_corners:
-        along = np.linspace(0, 1, 32)[:, np.newaxis, np.newaxis]
-        outline = (outline + along * (np.roll(outline, -1, axis=0) - outline)).reshape(-1, 2)
-    start = np.array([np.clip(outline[:, 0], box.left, box.right), np.clip(outline[:, 1], box.top, box.bottom)]).T
+    start = np.clip(outline, (box.left, box.top), (box.right, box.bottom))
     apart = np.linalg.norm(outline - start, axis=1)
     nearest = int(np.argmin(apart))
     if not LEADER_FROM * GAP * scale < apart[nearest] < REACH_MAX_PX:
