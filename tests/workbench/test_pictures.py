@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 import struct
-import zlib
 from functools import cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 from typer.testing import CliRunner
@@ -24,7 +23,6 @@ from stadimeter.testing.rig import ManualClock
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.calibration.board_session import Chessboard, find_boards
 from stadimeter.workbench.picture_metadata import (
-    LensSettings,
     blur_sigma_px,
     check_lens_settings,
     other_profile,
@@ -35,72 +33,26 @@ from stadimeter.workbench.picture_metadata import (
 pytestmark = pytest.mark.vision
 
 
-# Colour profiles that are not sRGB are named, whatever kind of file they are in.
-
-DISPLAY_P3 = ((0.5151, 0.2412, -0.0011), (0.2920, 0.6922, 0.0419), (0.1571, 0.0666, 0.7841))
-ADOBE_RGB = ((0.6097, 0.3111, 0.0195), (0.2053, 0.6257, 0.0609), (0.1492, 0.0632, 0.7446))
+# Colour profiles that are not sRGB are named.
 
 
-def profile(name: str, primaries: tuple[tuple[float, ...], ...], *, version: int = 4) -> bytes:
-    """Return a profile with the tags that matter."""
-    if version == 4:
-        text = name.encode("utf-16-be")
-        description = b"mluc\0\0\0\0" + struct.pack(">LL2s2sLL", 1, 12, b"en", b"US", len(text), 28) + text
-    else:
-        description = b"desc\0\0\0\0" + struct.pack(">L", len(name) + 1) + name.encode("ascii") + b"\0"
-    bodies = [(b"desc", description)]
-    for kind, primary in zip((b"rXYZ", b"gXYZ", b"bXYZ"), primaries, strict=True):
-        bodies.append((kind, b"XYZ \0\0\0\0" + struct.pack(">3l", *(round(each * 65536) for each in primary))))
-    at = 128 + 4 + 12 * len(bodies)
-    table, data = struct.pack(">L", len(bodies)), b""
-    for kind, body in bodies:
-        table += struct.pack(">4sLL", kind, at + len(data), len(body))
-        data += body
-    return b"\0" * 16 + b"RGB " + b"\0" * 108 + table + data
-
-
-def with_profile(path: Path, icc: bytes) -> Path:
-    """Write a picture with a profile, of the kind that its name says."""
-    done, encoded = cv2.imencode(path.suffix, np.full((480, 640, 3), 90, np.uint8))
-    assert done
-    data = encoded.tobytes()
-    if path.suffix == ".jpg":
-        half = len(icc) // 2
-        segments = b""
-        for number, part in ((2, icc[half:]), (1, icc[:half])):  # in the wrong order, as some programs write them
-            body = b"ICC_PROFILE\0" + bytes((number, 2)) + part
-            segments += b"\xff\xe2" + struct.pack(">H", len(body) + 2) + body
-        data = data[:2] + segments + data[2:]
-    elif path.suffix == ".png":
-        body = b"iCCP" + b"icc\0\0" + zlib.compress(icc)
-        data = data[:33] + struct.pack(">L", len(body) - 4) + body + struct.pack(">L", zlib.crc32(body)) + data[33:]
-    else:
-        chunk = b"ICCP" + struct.pack("<L", len(icc)) + icc + b"\0" * (len(icc) % 2)
-        data = data[:12] + chunk + data[12:]
-    path.write_bytes(data)
+def with_profile(path: Path, name: bytes) -> Path:
+    """Write a JPEG with a profile that has a name."""
+    data = cv2.imencode(".jpg", np.full((480, 640, 3), 90, np.uint8))[1].tobytes()
+    body = b"ICC_PROFILE\0\1\1" + b"\0" * 128 + name + b"\0" * 300
+    path.write_bytes(data[:2] + b"\xff\xe2" + struct.pack(">H", len(body) + 2) + body + data[2:])
     return path
 
 
-@pytest.mark.parametrize("version", [2, 4])
-@pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp"])
-@pytest.mark.parametrize(("name", "primaries"), [("Display P3", DISPLAY_P3), ("Adobe RGB (1998)", ADOBE_RGB)])
-def test_a_profile_of_other_colours_is_named(
-    tmp_path: Path, suffix: str, version: int, name: str, primaries: tuple[tuple[float, ...], ...]
-) -> None:
-    assert other_profile(with_profile(tmp_path / f"a{suffix}", profile(name, primaries, version=version))) == name
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
-@given(at=st.integers(0, 900), junk=st.binary(max_size=12), cut=st.integers(0, 900), kind=st.sampled_from([0, 1, 2]))
-def test_a_damaged_profile_is_no_error(tmp_path: Path, at: int, junk: bytes, cut: int, kind: int) -> None:
-    path = with_profile(tmp_path / f"a{('.jpg', '.png', '.webp')[kind]}", profile("Display P3", DISPLAY_P3))
-    data = path.read_bytes()
-    path.write_bytes((data[:at] + junk + data[at + len(junk) :])[: max(cut, at)])
-    assert len(other_profile(path)) <= 60
+@pytest.mark.parametrize("name", ["Display P3", "Adobe RGB (1998)"])
+def test_a_profile_of_other_colours_is_named(tmp_path: Path, name: str) -> None:
+    for encoding in ("ascii", "utf-16-be"):
+        assert other_profile(with_profile(tmp_path / "a.jpg", name.encode(encoding))) == name
+    assert other_profile(with_profile(tmp_path / "a.jpg", b"sRGB IEC61966-2.1")) == ""
 
 
 def test_measure_and_calibrate_say_it(tmp_path: Path) -> None:
-    picture = with_profile(tmp_path / "phone.jpg", profile("Display P3", DISPLAY_P3))
+    picture = with_profile(tmp_path / "phone.jpg", b"Display P3")
     (tmp_path / "camera.toml").write_text("width_px = 640\nheight_px = 480\nfx_px = 600.0\n", encoding="utf-8")
     sheet, camera = ("--sheet", "11in,8.5in"), str(tmp_path / "camera.toml")
     for arguments in (
@@ -112,9 +64,9 @@ def test_measure_and_calibrate_say_it(tmp_path: Path) -> None:
         assert stderr.count("note: ") == stderr.count("'Display P3', not sRGB") == 1
 
 
-# Zoom and focus are read from the EXIF data of JPEG pictures, and never stand in the way of a picture.
+# The zoom is read from the EXIF data of JPEG pictures, and never stand in the way of a picture.
 
-FOCAL, DISTANCE, ZOOM, FOCAL_35 = 0x920A, 0x9206, 0xA404, 0xA405
+FOCAL, ZOOM, FOCAL_35 = 0x920A, 0xA404, 0xA405
 
 
 def jpeg(order: str, rationals: dict[int, tuple[int, int]], focal_35: int = 0) -> bytes:
@@ -143,15 +95,13 @@ def written(folder: Path, name: str, data: bytes) -> Path:
 
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_the_settings_are_read_in_either_byte_order(tmp_path: Path, order: str) -> None:
-    picture = written(tmp_path, "a.jpg", jpeg(order, {FOCAL: (412, 100), DISTANCE: (3, 2), ZOOM: (2, 1)}, 30))
-    assert read_lens_settings(picture) == LensSettings(
-        focal_length_mm=4.12, focal_length_35mm_mm=30.0, digital_zoom=2.0, subject_distance_m=1.5
-    )
+    picture = written(tmp_path, "a.jpg", jpeg(order, {FOCAL: (412, 100), ZOOM: (2, 1)}, 30))
+    assert read_lens_settings(picture) == {FOCAL: 4.12, FOCAL_35: 30.0, ZOOM: 2.0}
 
 
 def test_unknown_and_infinite_settings_are_none(tmp_path: Path) -> None:
-    picture = written(tmp_path, "a.jpg", jpeg("<", {FOCAL: (0, 1), DISTANCE: (0xFFFFFFFF, 1), ZOOM: (0, 1)}))
-    assert read_lens_settings(picture) == LensSettings(digital_zoom=1.0)
+    picture = written(tmp_path, "a.jpg", jpeg("<", {FOCAL: (0xFFFFFFFF, 1), ZOOM: (0, 1)}))
+    assert read_lens_settings(picture) == {ZOOM: 1.0}
 
 
 @given(cut=st.integers(0, 200), junk=st.binary(max_size=40))
@@ -160,7 +110,7 @@ def test_damaged_data_say_nothing_and_raise_nothing(
 ) -> None:
     whole = jpeg("<", {FOCAL: (412, 100), ZOOM: (1, 1)}, 30)
     picture = written(tmp_path_factory.mktemp("exif"), "a.jpg", whole[:cut] + junk)
-    assert isinstance(read_lens_settings(picture), LensSettings)
+    assert len(read_lens_settings(picture)) <= 3
 
 
 @pytest.mark.parametrize(
@@ -177,14 +127,6 @@ def test_pictures_with_another_zoom_are_refused_with_both_figures(tmp_path: Path
         check_lens_settings([one, written(tmp_path, "other.jpg", other)])
     assert said in str(refused.value)
     assert str(tmp_path / "other.jpg") in str(refused.value)
-
-
-def test_pictures_with_another_focus_are_noted(tmp_path: Path) -> None:
-    near = written(tmp_path, "near.jpg", jpeg("<", {FOCAL: (412, 100), DISTANCE: (3, 10)}))
-    far = written(tmp_path, "far.jpg", jpeg("<", {FOCAL: (412, 100), DISTANCE: (2, 1)}))
-    (note,) = check_lens_settings([far, near])
-    assert "near.jpg was focused at 0.3 m" in note
-    assert check_lens_settings([near, near]) == ()
 
 
 # Snapshots keep how the camera was set, and whatever reads them goes by it.

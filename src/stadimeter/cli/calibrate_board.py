@@ -110,8 +110,7 @@ def stereo(
         wanted = board_from_options(chessboard, charuco, square, marker, dictionary)
         pairs = pair_pictures(pictures)
         for side in zip(*pairs, strict=True):
-            for note in check_lens_settings(side):
-                say_note(note)
+            check_lens_settings(side)
         found = find_board_pairs(pairs, wanted, _watched)
         for left, right, reason in found.missed:
             typer.echo(f"left out: {left}, {right}: {reason}", err=True)
@@ -232,8 +231,7 @@ def board(
 
 def _from_pictures(pictures: Sequence[Path], wanted: Board) -> tuple[BoardCalibration, bool]:
     """Return the calibration that pictures give, and whether all of them were used."""
-    for note in check_lens_settings(pictures):
-        say_note(note)
+    check_lens_settings(pictures)
     found = find_boards(pictures, wanted, _watched)
     for picture, reason in found.missed:
         typer.echo(f"left out: {picture}: {reason}", err=True)

@@ -399,7 +399,8 @@ def split_pictures(
         if name in taken:
             raise ConfigError(f"{name} is given twice; a picture says the same each time, so give each of them once")
         taken[name] = read(value, path) if path else cast("_T", first)
-    for note in (*check_lens_settings([*taken]), *profile_notes([*taken])):
+    check_lens_settings([*taken])
+    for note in profile_notes([*taken]):
         say_note(note)
     return [*taken.items()]
 

@@ -2,42 +2,28 @@
 
 Phones write pictures in Display P3, some cameras in Adobe RGB. Read as sRGB, their hues are turned and their saturation
 is less, so that a range of colours from other pictures may miss the target; and the tone curve of some differs.
-
-A profile is a table of tags (ICC.1:2022, section 7). Its primaries tell whether it is sRGB, whatever it is called.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
-from msgspec import Struct
 
 from stadimeter.config.files import open_untrusted
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError, UnreadableError
 
-# Profiles stand before the pixels; those of cameras have some kilobytes.
-_HEAD_MAX_BYTES = 1 << 20
+# Profiles and EXIF data stand before the pixels; those of cameras have some kilobytes.
+_HEAD_MAX_BYTES = 1 << 18
 
-_PROFILE_MAX_BYTES = 1 << 22
+# Names of colour profiles as cameras and phones have them, and what stands before one in a JPEG.
+_PROFILES = ("Display P3", "Adobe RGB (1998)", "ProPhoto RGB")
 _ICC = b"ICC_PROFILE\0"
-_HEADER_BYTES = 128
-_TAGS_MAX = 100
-
-# Of sRGB, adapted to the D50 of profiles (IEC 61966-2-1).
-_SRGB_PRIMARIES = {
-    b"rXYZ": (0.4361, 0.2225, 0.0139),
-    b"gXYZ": (0.3851, 0.7169, 0.0971),
-    b"bXYZ": (0.1431, 0.0606, 0.7141),
-}
-
-_SAME_PRIMARY = 0.01
 
 
 def profile_notes(paths: Iterable[Path]) -> tuple[str, ...]:
@@ -58,190 +44,65 @@ def _note(name: str, pictures: list[Path]) -> str:
 
 
 def other_profile(path: Path) -> str:
-    """Return the name of a picture's colour profile if that is not sRGB; an empty string if it is, or has none."""
+    """Return the name of a JPEG's colour profile if it is one of the usual ones besides sRGB; else an empty string."""
+    _, _, profile = _head(path).partition(_ICC)
+    # In ASCII in profiles of version 2, in UTF-16 in those of version 4.
+    return next((name for name in _PROFILES if name.encode() in profile or name.encode("utf-16-be") in profile), "")
+
+
+def _head(path: Path) -> bytes:
+    """Return the beginning of a file; nothing of what cannot be read."""
     try:
         with open_untrusted(path) as file:
-            head = file.read(_HEAD_MAX_BYTES)
-        profile = _profile_in(head)
-        return _name_unless_srgb(profile)
-    except (UnreadableError, OSError, struct.error, zlib.error, ValueError):
-        return ""
-
-
-def _profile_in(head: bytes) -> bytes:
-    if head.startswith(b"\xff\xd8"):
-        # A long profile is in several segments, each with its number and how many there are.
-        parts = [body[len(_ICC) :] for code, body in jpeg_segments(head) if code == 0xE2 and body.startswith(_ICC)]
-        return b"".join(part[2:] for part in sorted(parts, key=lambda part: part[:1]))
-    if head.startswith(b"\x89PNG"):
-        return next((_inflate(body) for kind, body in _chunks(head, 8, ">", 12) if kind == b"iCCP"), b"")
-    if head.startswith(b"RIFF") and head[8:12] == b"WEBP":
-        return next((body for kind, body in _chunks(head, 12, "<", 8) if kind == b"ICCP"), b"")
-    return b""
-
-
-def jpeg_segments(head: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield code and content of the segments that stand before a JPEG's pixels."""
-    at = 2
-    while at + 4 <= len(head) and head[at] == 0xFF and head[at + 1] not in {0xD9, 0xDA}:
-        (length,) = struct.unpack_from(">H", head, at + 2)
-        yield head[at + 1], head[at + 4 : at + 2 + length]
-        at += 2 + max(length, 2)
-
-
-def _chunks(head: bytes, at: int, order: str, frame_bytes: int) -> Iterator[tuple[bytes, bytes]]:
-    """Yield kind and content of the chunks of a PNG (length first, sum behind) or WebP (length second, padded)."""
-    while at + 8 <= len(head):
-        is_png = frame_bytes == 12
-        kind = head[at + 4 : at + 8] if is_png else head[at : at + 4]
-        (length,) = struct.unpack_from(f"{order}L", head, at if is_png else at + 4)
-        if kind == b"IDAT":
-            return
-        yield kind, head[at + 8 : at + 8 + length]
-        at += frame_bytes + length + (0 if is_png else length % 2)
-
-
-def _inflate(chunk: bytes) -> bytes:
-    """Return the profile of a PNG: behind its name, a null and the number of the method."""
-    _, _, rest = chunk.partition(b"\0")
-    return zlib.decompressobj().decompress(rest[1:], _PROFILE_MAX_BYTES)
-
-
-def _name_unless_srgb(profile: bytes) -> str:
-    if profile[16:20] != b"RGB ":
-        return ""
-    tags = _tags(profile)
-    name = _description(tags.get(b"desc", b"")) or "without a name"
-    primaries = [kind for kind in _SRGB_PRIMARIES if kind in tags]
-    if not primaries:  # a table of colours instead
-        return "" if "srgb" in name.lower() else name
-    return "" if all(_is_same(tags[kind], _SRGB_PRIMARIES[kind]) for kind in primaries) else name
-
-
-def _tags(profile: bytes) -> dict[bytes, bytes]:
-    (count,) = struct.unpack_from(">L", profile, _HEADER_BYTES)
-    tags = {}
-    for index in range(min(count, _TAGS_MAX)):
-        kind, at, size = struct.unpack_from(">4sLL", profile, _HEADER_BYTES + 4 + 12 * index)
-        tags[kind] = profile[at : at + size]
-    return tags
-
-
-def _is_same(tag: bytes, primary: tuple[float, ...]) -> bool:
-    values = (each / 65536 for each in struct.unpack_from(">3l", tag, 8))
-    return all(abs(value - wanted) < _SAME_PRIMARY for value, wanted in zip(values, primary, strict=True))
-
-
-def _description(tag: bytes) -> str:
-    """Return a description: ASCII in profiles of version 2, several languages in UTF-16 in those of version 4."""
-    if tag.startswith(b"mluc"):
-        length, at = struct.unpack_from(">LL", tag, 20)
-        text = tag[at : at + length].decode("utf-16-be", "replace")
-    else:
-        (length,) = struct.unpack_from(">L", tag, 8) if tag else (0,)
-        text = tag[12 : 12 + length].decode("ascii", "replace")
-    return "".join(letter for letter in text if letter.isprintable())[:60].strip()
+            return file.read(_HEAD_MAX_BYTES)
+    except (UnreadableError, OSError):
+        return b""
 
 
 # Settings that differ by no more than this share count as the same: cameras round them.
 SAME_ZOOM = 0.005
 
-# Focusing this many times nearer or farther can change the focal length by some tenths of a per cent.
-FOCUS_FACTOR = 3.0
+# Tags of EXIF data: what each says of the lens, and its unit.
+_FOCAL_LENGTH, _FOCAL_LENGTH_35MM, _DIGITAL_ZOOM = 0x920A, 0xA405, 0xA404
+_ZOOM = {
+    _FOCAL_LENGTH: ("focal length", " mm"),
+    _FOCAL_LENGTH_35MM: ("35 mm equivalent", " mm"),
+    _DIGITAL_ZOOM: ("digital zoom", ""),
+}
+_EXIF_DIRECTORY = 0x8769
+_SHORT, _LONG, _RATIONAL = 3, 4, 5
 
 
-def check_lens_settings(paths: Sequence[Path]) -> tuple[str, ...]:
-    """Check by EXIF data that the lens was set the same way in all pictures, and return notes on other focuses.
+def check_lens_settings(paths: Sequence[Path]) -> None:
+    """Check by EXIF data that the lens was set the same way in all pictures.
 
     Raises:
         CalibrationError: Pictures have different zoom or lenses, so no one focal length fits them all.
     """
     settings = [(path, read_lens_settings(path)) for path in paths]
-    for name, unit, attribute in _ZOOM:
-        known = [(path, value) for path, each in settings if (value := getattr(each, attribute)) is not None]
+    for tag, (name, unit) in _ZOOM.items():
+        known = [(path, values[tag]) for path, values in settings if tag in values]
         for path, value in known[1:]:
             if abs(value / known[0][1] - 1) > SAME_ZOOM:
                 raise CalibrationError(
                     f"{known[0][0]} was taken with {name} {known[0][1]:g}{unit}, {path} with {value:g}{unit}: "
                     "another zoom or lens is another camera; calibrate from pictures of one"
                 )
-    return _focus_notes(settings)
 
 
-_ZOOM = (
-    ("focal length", " mm", "focal_length_mm"),
-    ("35 mm equivalent", " mm", "focal_length_35mm_mm"),
-    ("digital zoom", "", "digital_zoom"),
-)
-
-
-def _focus_notes(settings: Sequence[tuple[Path, LensSettings]]) -> tuple[str, ...]:
-    focused = [(each.subject_distance_m, path) for path, each in settings if each.subject_distance_m is not None]
-    if len(focused) < 2:
-        return ()
-    (near_m, near), (far_m, far) = min(focused), max(focused)
-    if far_m <= FOCUS_FACTOR * near_m:
-        return ()
-    note = f"{near} was focused at {near_m:g} m, {far} at {far_m:g} m: focusing changes the focal length a little"
-    return (f"{note}; fix the focus if the camera lets you",)
-
-
-_EXIF_DIRECTORY = 0x8769
-_FOCAL_LENGTH = 0x920A
-_SUBJECT_DISTANCE = 0x9206
-_DIGITAL_ZOOM = 0xA404
-_FOCAL_LENGTH_35MM = 0xA405
-
-# EXIF data stand in the first segments of a file, each of which has 64 KiB at most.
-_SHORT, _LONG, _RATIONAL = 3, 4, 5
-_HEADER_MAX_BYTES = 1 << 18
-
-
-class LensSettings(Struct, frozen=True, kw_only=True):
-    """Settings of the lens; None where the picture does not say.
-
-    Attributes:
-        focal_length_35mm_mm: The focal length that shows as much on a 35 mm film.
-        digital_zoom: By how much the camera enlarged the picture; 1 is not at all.
-    """
-
-    focal_length_mm: float | None = None
-    focal_length_35mm_mm: float | None = None
-    digital_zoom: float | None = None
-    subject_distance_m: float | None = None
-
-
-def read_lens_settings(path: Path) -> LensSettings:
-    """Read how a picture says that the lens was set; nothing without good EXIF data."""
+def read_lens_settings(path: Path) -> dict[int, float]:
+    """Read how a picture says that its zoom was set, by the EXIF tag; nothing without good EXIF data."""
+    _, _, tiff = _head(path).partition(b"Exif\0\0")
+    order = ">" if tiff.startswith(b"MM") else "<"
     try:
-        with open_untrusted(path) as file:
-            tiff = _exif_block(file.read(_HEADER_MAX_BYTES))
-        values = _lens_values(tiff) if tiff else {}
-    except (OSError, struct.error):
-        return LensSettings()
-    zoom = values.get(_DIGITAL_ZOOM)
-    return LensSettings(
-        focal_length_mm=values.get(_FOCAL_LENGTH) or None,
-        focal_length_35mm_mm=values.get(_FOCAL_LENGTH_35MM) or None,
-        digital_zoom=(zoom or 1.0) if zoom is not None else None,  # 0 stands for: digital zoom was not used
-        subject_distance_m=values.get(_SUBJECT_DISTANCE) or None,
-    )
-
-
-def _exif_block(data: bytes) -> bytes | None:
-    """Return the TIFF file in the JPEG's APP1 segment."""
-    segments = jpeg_segments(data) if data.startswith(b"\xff\xd8") else ()
-    bodies = (body for code, body in segments if code == 0xE1 and body.startswith(b"Exif\0\0"))
-    return next((body.removeprefix(b"Exif\0\0") for body in bodies), None)
-
-
-def _lens_values(tiff: bytes) -> dict[int, float]:
-    order = {b"II": "<", b"MM": ">"}.get(tiff[:2])
-    if order is None:
+        (first,) = struct.unpack_from(f"{order}L", tiff, 4)
+        settings_at = dict(_entries(tiff, first, order)).get(_EXIF_DIRECTORY, 0)
+        values = dict(_entries(tiff, int(settings_at), order)) if settings_at else {}
+    except struct.error:
         return {}
-    (first,) = struct.unpack_from(f"{order}L", tiff, 4)
-    settings_at = dict(_entries(tiff, first, order)).get(_EXIF_DIRECTORY)
-    return dict(_entries(tiff, int(settings_at), order)) if settings_at else {}
+    if values.get(_DIGITAL_ZOOM) == 0:  # which stands for: it was not used
+        values[_DIGITAL_ZOOM] = 1.0
+    return {tag: values[tag] for tag in _ZOOM if values.get(tag)}
 
 
 def _entries(tiff: bytes, at: int, order: str) -> Iterator[tuple[int, float]]:

@@ -254,7 +254,7 @@ def fit_lens(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Camer
         CalibrationError: The target is not found in a picture, or no lens explains what was seen.
         PictureError: A picture cannot be read.
     """
-    notes = check_lens_settings([each.path for each in pictures])
+    check_lens_settings([each.path for each in pictures])
     fit = fit_distances(
         _known_distances(pictures, choice),
         _frame_of,
@@ -268,7 +268,7 @@ def fit_lens(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Camer
         raise CalibrationError("no picture can be used")
     reads = [f"{Path(each.picture).name} reads {each.residual_share:+.1%}" for each in fit.calibration.pictures]
     several = ("With this, " + ", ".join(reads) + ".",) if len(reads) > 1 else ()
-    return fit.calibration.camera_model, (*notes, *fit.outlier_words, *several)
+    return fit.calibration.camera_model, (*fit.outlier_words, *several)
 
 
 def _relative_sigma(pictures: Sequence[PictureAt]) -> float:
