@@ -77,18 +77,6 @@ def test_a_picture_whose_distance_is_mistyped_is_named_and_left_out(near: Path, 
     assert load_camera_model(output).fx_px == pytest.approx(600, rel=0.003)
 
 
-def test_the_tone_curve_that_is_stated_is_calibrated_through_and_written(near: Path, output: Path) -> None:
-    """A sheet whose edges are blurred appears a little larger through the wrong one."""
-    cv2.imwrite(str(near), cv2.GaussianBlur(cv2.imread(str(near)), (5, 5), 0))
-    focal_px = {}
-    for curve in ("srgb", "linear"):
-        result = typed("calibrate", "distance", f"{near}@30in", *SHEET, "-o", output, "--tone-curve", curve)
-        assert result.returncode == 0, result
-        assert load_camera_model(output).tone_curve == curve
-        focal_px[curve] = load_camera_model(output).fx_px
-    assert abs(focal_px["srgb"] - focal_px["linear"]) > 0.2
-
-
 def test_a_file_that_is_there_is_replaced_and_that_is_said(near: Path, output: Path) -> None:
     output.write_text("old", encoding="utf-8")
     result = typed("calibrate", "distance", f"{near}@30in", *SHEET, "-o", output)

@@ -123,16 +123,6 @@ def test_pictures_at_one_distance_leave_the_bias_at_zero_and_say_so(seen_sheet: 
     assert made.camera_model.edge_bias_px == 0.0
 
 
-def test_where_to_take_one_more_picture_is_told_and_does_tell_the_bias(seen_sheet: Seen) -> None:
-    known = [_biased(seen_sheet, 0.5, 0.5), _biased(seen_sheet, 0.5, 0.6)]
-    made = calibrate(known, date="", distance_relative_sigma=0.005)
-    assert not made.fit.bias_was_fitted
-    assert made.more_at_m is not None
-    with_it = calibrate([*known, _biased(seen_sheet, 0.5, made.more_at_m)], date="", distance_relative_sigma=0.005)
-    assert with_it.fit.bias_was_fitted
-    assert with_it.camera_model.edge_bias_px == pytest.approx(0.5, abs=0.05)
-
-
 def test_a_detector_that_does_not_say_what_a_bias_changes_gets_none(seen_sheet: Seen) -> None:
     known = [replace(_biased(seen_sheet, 0.5, depth_m), less_bias=None) for depth_m in (0.5, 1.0, 2.0, 4.0)]
     made = calibrate(known, date="", distance_relative_sigma=0.003)

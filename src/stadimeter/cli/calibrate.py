@@ -37,7 +37,7 @@ from stadimeter.cli.target_options import (
 )
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.config.units import UNKNOWN_SIZE
-from stadimeter.core.camera_model import CameraModel, ToneCurve
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError, ConfigError, Problem
@@ -344,7 +344,6 @@ def distance(
     at: list[str] | None = None,
     output: Path,
     distance_error: float = 1.0,
-    tone_curve: ToneCurve = "srgb",
     as_json: bool = False,
 ) -> None:
     """Calibrate a camera from pictures of a target at known distances.
@@ -356,9 +355,6 @@ def distance(
     bias is found as well, by how much every edge is seen too far out.
 
     What is only perhaps the target calibrates nothing: come nearer, or add light.
-
-    Pictures of a raw or scientific camera, whose values are in proportion to light, need --tone-curve linear, which the
-    camera file then holds. Through the wrong curve each edge is off by some tenths of a pixel.
 
     With --live the program takes the pictures itself: it asks for the target at one distance, takes several frames,
     then asks for it at another one, which proves the first. Here a distance is measured from the lens to the target's
@@ -390,10 +386,10 @@ def distance(
         if live:
             if not output.parent.is_dir():  # known before the person walks to and fro, not after it
                 raise ConfigError([Problem(f"there is no folder {output.parent} for {output.name}", key="-o")])
-            made = _live_distances(live, at or [], wanted, distance_error / 100, tone_curve)
+            made = _live_distances(live, at or [], wanted, distance_error / 100)
             all_found = True
         else:
-            made, all_found = _from_pictures(pictures or [], wanted, distance_error / 100, tone_curve)
+            made, all_found = _from_pictures(pictures or [], wanted, distance_error / 100)
         write = partial(save_camera_model, model=made.camera_model)
         tell_written(output, write, _lines(made, wanted.unit), asdict(made), as_json=as_json)
     raise typer.Exit(DONE if all_found else NOT_FOUND)
@@ -403,7 +399,6 @@ def _from_pictures(
     pictures: Sequence[str],
     wanted: WantedTargets,
     distance_relative_sigma: float,
-    tone_curve: ToneCurve,
 ) -> tuple[Calibration, bool]:
     """Calibrate; return the calibration, and whether it comes from all pictures."""
     usable = _look_at(pictures, wanted, None)
@@ -415,7 +410,6 @@ def _from_pictures(
         wanted.choices,
         date=today(),
         distance_relative_sigma=distance_relative_sigma,
-        tone_curve=tone_curve,
     )
     for each in fit.left_out:
         remedy = remedy_words(each, open_picture(Path(each.picture)), wanted.choices[0])
@@ -449,9 +443,7 @@ def _look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camer
     return [each for each in known if each.is_usable]
 
 
-def _live_distances(
-    live: str, at: Sequence[str], wanted: WantedTargets, distance_relative_sigma: float, tone_curve: ToneCurve
-) -> Calibration:
+def _live_distances(live: str, at: Sequence[str], wanted: WantedTargets, distance_relative_sigma: float) -> Calibration:
     """Ask for the target at each distance, and return the calibration from all of them.
 
     Raises:
@@ -468,7 +460,6 @@ def _live_distances(
                 wanted.choices[0],
                 date=today(),
                 distance_relative_sigma=distance_relative_sigma,
-                tone_curve=tone_curve,
             )
             typer.echo(f"Measure with a tape, from the lens to {session.measured_to}.")
             typer.echo("Keep it in the middle of the picture, and the camera still.")
@@ -535,7 +526,7 @@ def _lines(made: Calibration, unit: LengthUnit) -> Iterator[str]:
     if made.fit.bias_was_fitted:
         yield f"edge bias {made.fit.edge_bias_px:+.2f} px ± {made.fit.edge_bias_sigma_px:.2f}"
     elif len(made.pictures) > 1:
-        yield f"edge bias taken as 0: {_why_no_bias(made, unit)}"
+        yield f"edge bias taken as 0: {_why_no_bias(made)}"
 
 
 def _picture_line(each: FocalLength, name_width: int, unit: LengthUnit) -> str:
@@ -552,18 +543,15 @@ def _picture_line(each: FocalLength, name_width: int, unit: LengthUnit) -> str:
     )
 
 
-def _why_no_bias(made: Calibration, unit: LengthUnit) -> str:
+def _why_no_bias(made: Calibration) -> str:
     if made.one_distance:
-        why = "all pictures are at one distance, where it looks like another focal length"
-    elif math.isinf(made.fit.edge_bias_sigma_px):
+        return "all pictures are at one distance, where it looks like another focal length; add one from far away"
+    if math.isinf(made.fit.edge_bias_sigma_px):
         return "what this detector sees does not tell it"
-    else:
-        why = f"these distances tell it only within ± {made.fit.edge_bias_sigma_px:.1f} px"
-    if made.one_distance and made.more_at_m is None:
-        return f"{why}; add one that is several times as far away"
-    if made.more_at_m is None:
-        return f"{why}; to tell it, measure the distances better and say so with --distance-error"
-    return f"{why}; one more picture at {format_distance(made.more_at_m, None, unit)} or farther would tell it"
+    return (
+        f"these distances tell it only within ± {made.fit.edge_bias_sigma_px:.1f} px; add one from farther away, or "
+        "measure the distances better and say so with --distance-error"
+    )
 
 
 calibrate.command("board")(board)

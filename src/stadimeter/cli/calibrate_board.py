@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
-from msgspec.structs import asdict, replace
+from msgspec.structs import asdict
 
 from stadimeter.cli.exits import DONE, NOT_FOUND, count_items, plain_errors, say_note, working
 from stadimeter.cli.target_options import (
@@ -25,7 +25,6 @@ from stadimeter.cli.target_options import (
     tell_written,
 )
 from stadimeter.config.camera_file import save_camera_model, save_stereo_rig
-from stadimeter.core.camera_model import ToneCurve
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.board_calibration import VIEWS_ENOUGH, BoardCalibration, calibrate_board
 from stadimeter.ranging.stereo import straight_ahead_share
@@ -79,7 +78,6 @@ def stereo(
     marker: str | None = None,
     dictionary: str | None = None,
     square_error: float = 0.2,
-    tone_curve: ToneCurve = "srgb",
     as_json: bool = False,
 ) -> None:
     """Calibrate two cameras that are fixed to each other, from pictures of a board that both took at the same time.
@@ -116,8 +114,7 @@ def stereo(
             typer.echo(f"left out: {left}, {right}: {reason}", err=True)
         with working("calibrating"):
             made = found.calibrate(square_error / 100)
-        lenses = {side: replace(getattr(made.rig, side), tone_curve=tone_curve) for side in ("left", "right")}
-        rig = replace(made.rig, **lenses)
+        rig = made.rig
         baseline = {"baseline_m": rig.baseline_m, "baseline_sigma_m": rig.baseline_sigma_m}
         figures = {**baseline, "rms_px": made.rms_px, "epipolar_px": made.epipolar_px, "pairs": made.pairs}
         tell_written(output, partial(save_stereo_rig, rig=rig), _stereo_lines(made), figures, as_json=as_json)
@@ -185,7 +182,6 @@ def board(
     charuco: str | None = None,
     marker: str | None = None,
     dictionary: str | None = None,
-    tone_curve: ToneCurve = "srgb",
     live: LiveOption = None,
     as_json: bool = False,
 ) -> None:
@@ -223,9 +219,8 @@ def board(
         wanted = board_from_options(chessboard, charuco, square, marker, dictionary)
         check_one_source(pictures, live, "pictures of the board")
         made, all_used = _from_camera(live, wanted) if live else _from_pictures(pictures or [], wanted)
-        model = replace(made.camera_model, tone_curve=tone_curve)
-        figures = asdict(replace(made, camera_model=model))
-        tell_written(output, partial(save_camera_model, model=model), _lines(made), figures, as_json=as_json)
+        write = partial(save_camera_model, model=made.camera_model)
+        tell_written(output, write, _lines(made), asdict(made), as_json=as_json)
     raise typer.Exit(DONE if all_used else NOT_FOUND)
 
 

@@ -154,11 +154,6 @@ _SHARED = {
     "distance_error": Option(
         "PERCENT", "How well you know the distances: one standard deviation, in per cent of each.", limits=(0.0, 50.0)
     ),
-    "tone_curve": Option(
-        "",
-        "How the camera's values follow from light: srgb for nearly every camera, linear for raw pictures, whose "
-        "values are in proportion to it.",
-    ),
 }
 
 

@@ -54,12 +54,6 @@ BIAS_STEP_PX = 0.25
 # Distances that differ by less than this factor count as one.
 _ONE_DISTANCE = 1.05
 
-# How many times the largest distance to try when asked where to take one more picture.
-_FARTHER = (1.5, 2, 3, 4, 6, 8)
-
-# No picture is advised in which the target would appear smaller than this.
-_ADVISED_MIN_PX = 25.0
-
 
 class FocalEstimate(Struct, frozen=True, kw_only=True):
     """The focal length that one picture gives."""
@@ -181,8 +175,6 @@ class Calibration(Struct, frozen=True, kw_only=True):
     pictures: tuple[FocalLength, ...]  # the focal length that each picture gives, in the order of the pictures
     fit: FocalFit
     one_distance: bool  # whether all pictures are at one distance, where an edge bias looks like another focal length
-    # The nearest depth at which one more picture would determine the edge bias; None if it is known or none would.
-    more_at_m: float | None
 
 
 def calibrate(
@@ -227,7 +219,6 @@ def calibrate(
         pictures=pictures,
         fit=fit,
         one_distance=max(each.depth_m for each in found) < _ONE_DISTANCE * min(each.depth_m for each in found),
-        more_at_m=None if fit.bias_was_fitted else _more_at_m(found, estimates, distance_relative_sigma),
     )
 
 
@@ -373,27 +364,6 @@ def _focal_length(known: KnownDistance, estimate: FocalEstimate, model: CameraMo
         off_axis_rad=off_axis_rad(known, model),
         residual_share=model.fx_px / focal_px - 1,
     )
-
-
-def _more_at_m(
-    known: Sequence[KnownDistance], estimates: Sequence[FocalEstimate], distance_relative_sigma: float
-) -> float | None:
-    """Return where one more picture would tell the edge bias: further away it has more effect, but so has noise."""
-    farthest_m, at_farthest = max(
-        ((each.depth_m, one) for each, one in zip(known, estimates, strict=True)), key=lambda pair: pair[0]
-    )
-    share = at_farthest.sigma_px / at_farthest.focal_px
-    noise_share = math.sqrt(max(0.0, share**2 - distance_relative_sigma**2))
-    appears_px = 2 * at_farthest.focal_px / at_farthest.per_bias if at_farthest.per_bias > 0 else 0.0
-    for times in (each for each in _FARTHER if appears_px / each >= _ADVISED_MIN_PX):
-        one_more = FocalEstimate(
-            focal_px=at_farthest.focal_px,
-            sigma_px=at_farthest.focal_px * math.hypot(noise_share * times, distance_relative_sigma),
-            per_bias=at_farthest.per_bias * times,
-        )
-        if edge_bias_sigma_px([*estimates, one_more]) <= BIAS_SIGMA_LIMIT_PX:
-            return times * farthest_m
-    return None
 
 
 def _provenance(pictures: Sequence[FocalLength], date: str) -> Provenance:

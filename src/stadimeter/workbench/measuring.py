@@ -300,18 +300,11 @@ def failed_results(file: str, targets: Sequence[NamedDetector], error: Exception
     )
 
 
-# Looks for a target with other options; returns None where it cannot be used.
-Look = Callable[[DriverChoice], Detection | None]
-
-
-def remedies_for(
-    choice: DriverChoice, refused: Detection, frame: Frame, lens: CameraModel | None, look: Look | None = None
-) -> list[Remedy]:
+def remedies_for(choice: DriverChoice, refused: Detection, frame: Frame, lens: CameraModel | None) -> list[Remedy]:
     """Return the changes with which something that was refused in a picture is accepted: one of each option at most.
 
     Args:
         lens: The lens at the picture's resolution, with which it was refused; None where it is not known.
-        look: How to try a change; it is looked for in the picture if this is None.
     """
     (named,) = build_detectors([choice], lens)
     detector = named.detector
@@ -322,8 +315,8 @@ def remedies_for(
         if remedy.key in helpful:
             continue
         changed = replace(choice, options=remedy.options)
-        found = look(changed) if look else build_detectors([changed], lens)[0].detector.detect(frame, lens=lens)
-        if found is not None and found.status is DetectionStatus.FOUND and _was_refused(found, refused):
+        found = build_detectors([changed], lens)[0].detector.detect(frame, lens=lens)
+        if found.status is DetectionStatus.FOUND and _was_refused(found, refused):
             helpful[remedy.key] = remedy
     return [*helpful.values()]
 

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import LENGTHS_M, parse_quantity, split_quantities
-from stadimeter.core.camera_model import CameraModel, ToneCurve
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError, ConfigError, Problem
@@ -99,13 +99,12 @@ def fit_distances(
     *,
     date: str,
     distance_relative_sigma: float,
-    tone_curve: ToneCurve,
 ) -> DistanceFit:
     """Calibrate from pictures in which the target was found whole.
 
-    The first look has no camera model yet, so it takes the tone curve for that of sRGB. What counts is a second one
-    through the model that it gives, which is that of `measure`; what the finished file reads is found by a third. No
-    picture counts that is refused through the finished file, so what calibrates is measured.
+    The first look has no camera model yet. What counts is a second one through the model that it gives, which is that
+    of `measure`; what the finished file reads is found by a third. No picture counts that is refused through the
+    finished file, so what calibrates is measured.
 
     Pictures that contradict most of the others are left out, and count no more than those not found.
 
@@ -116,7 +115,7 @@ def fit_distances(
     """
     plain = rough_model(known)
     optics = frame_of(known[0].picture).optics
-    rough = replace(plain, tone_curve=tone_curve, optics=optics)
+    rough = replace(plain, optics=optics)
     looked = _look_again(known, frame_of, choices, rough)
     usable, left_out = _split_by_found(looked, looked)
     pairs = zip(known, looked, strict=True)
@@ -129,7 +128,7 @@ def fit_distances(
         usable, contradicting = split_outliers(usable, distance_relative_sigma=distance_relative_sigma)
         outliers += contradicting
         made = calibrate(usable, date=date, distance_relative_sigma=distance_relative_sigma)
-        made = replace(made, camera_model=replace(made.camera_model, tone_curve=tone_curve, optics=optics))
+        made = replace(made, camera_model=replace(made.camera_model, optics=optics))
         again = _look_again(usable, frame_of, choices, made.camera_model)
         usable, lost = _split_by_found(usable, again)
         left_out += lost
@@ -153,38 +152,13 @@ def remedy_words(
 
     Args:
         left_out: The picture in which it was not found.
-        camera_model: The camera's lens; None where the picture shall calibrate it, which the change then makes it do.
+        camera_model: The camera's lens; None where the picture shall calibrate it.
 
     Returns:
         A clause that follows the reason why it was not found; empty where no change helps.
     """
-
-    def calibrate_changed(changed: DriverChoice) -> Detection | None:
-        return _calibrate_one(left_out, frame, changed)
-
-    lens = camera_model and camera_model.for_frame(frame)
-    remedies = remedies_for(choice, left_out.detection, frame, lens, None if lens else calibrate_changed)
+    remedies = remedies_for(choice, left_out.detection, frame, camera_model and camera_model.for_frame(frame))
     return f"; it is found with {' or '.join(map(str, remedies))}" if remedies else ""
-
-
-def _calibrate_one(left_out: KnownDistance, frame: Frame, choice: DriverChoice) -> Detection | None:
-    """Calibrate from one picture, and return where the target is in it; None where it does not calibrate."""
-    (target,) = build_detectors([choice], None)
-    known = look_at_distance(left_out.picture, frame, left_out.depth_m, target)
-    if not known.is_usable:
-        return None
-    try:
-        fit = fit_distances(
-            [known],
-            lambda _: frame,
-            [choice],
-            date="",
-            distance_relative_sigma=DISTANCE_RELATIVE_SIGMA,
-            tone_curve="srgb",
-        )
-    except CalibrationError:
-        return None
-    return fit.usable[0].detection if fit.usable else None
 
 
 def _look_again(
@@ -281,14 +255,12 @@ class LiveDistance:
         *,
         date: str,
         distance_relative_sigma: float = DISTANCE_RELATIVE_SIGMA,
-        tone_curve: ToneCurve = "srgb",
     ) -> None:
         self._source = source
         self._choices = (target,)
         (self._target,) = build_detectors(self._choices, None)
         self._date = date
         self._relative_sigma = distance_relative_sigma
-        self._tone_curve: ToneCurve = tone_curve
         self._takes: dict[str, Take] = {}
 
     @property
@@ -372,7 +344,6 @@ class LiveDistance:
             self._choices,
             date=self._date,
             distance_relative_sigma=self._relative_sigma,
-            tone_curve=self._tone_curve,
         )
         for each in (*fit.left_out, *fit.elsewhere):
             why = each.detection.reason or "another thing is taken for it"

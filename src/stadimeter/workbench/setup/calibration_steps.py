@@ -261,7 +261,6 @@ def fit_lens(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Camer
         [choice],
         date=today(),
         distance_relative_sigma=_relative_sigma(pictures),
-        tone_curve="srgb",
     )
     _check_found(fit.left_out, choice)
     if fit.calibration is None:
