@@ -70,15 +70,6 @@ MIN_WAY_M = 1e-3
 # Fits until the slope, which the weights of the steps depend on, stays: from the fourth on to 1e-6.
 FITS = 6
 
-# Steps whose direction in the pictures is off by more than this were given with a wrong one.
-OTHER_WAY_RAD = math.radians(30)
-
-# Moves are along one line if they reach no further than this beside it, as a share of how far they reach along it.
-ONE_LINE = 0.2
-
-# A direction counts if the thing has moved by this many standard deviations.
-SHOWN_SIGMAS = 2.0
-
 
 class StepErrors(Struct, frozen=True, kw_only=True):
     """The uncertainty of the camera's steps: standard deviations.
@@ -174,15 +165,14 @@ def learn_size(views: Sequence[StepView], camera: CameraModel, errors: StepError
     _check_moved(views)
     steps = _Steps(views, camera, errors)
     fit = steps.fit()
-    rotated = _other_way(steps, errors)
     # Each step is tested (Bonferroni's correction); of three places both tests are one.
     tests = len(views) - 1 if len(views) > 3 else 1
     limit_sigmas = NormalDist().inv_cdf(1 - _REFUSED_SHARE / 2 / tests)
     if fit.misfit_sigmas > MISFIT_SIGMAS or fit.step_sigmas > limit_sigmas:
-        raise CalibrationError(rotated or _misfit_words(views, fit, camera, errors))
+        raise CalibrationError(_misfit_words(views, fit))
     made = steps.learnt(fit)
     if made is None or made.sigma_share > MAX_SHARE:
-        raise CalibrationError(rotated or _unknown_words(steps, made))
+        raise CalibrationError(_unknown_words(steps, made))
     return made
 
 
@@ -349,65 +339,19 @@ def _deviate(chi_square: float, freedom: int) -> float:
     return (math.cbrt(chi_square / freedom) - (1 - spread)) / math.sqrt(spread)
 
 
-_WORDS = (("left", "right"), ("up", "down"), ("back", "ahead"))
-
-
-def _direction_word(way: Values) -> str:
-    axis = int(np.argmax(np.abs(way)))
-    return _WORDS[axis][int(way[axis] > 0)]
-
-
-def _other_way(steps: _Steps, errors: StepErrors) -> str:
-    """Say which way the camera has moved in the pictures, if its steps have one line and were given with another one.
-
-    Each step along the line has then a shift of its own in the pictures, a vector, that is fitted without the steps'
-    direction.
-    """
-    off_m = steps.moves - steps.moves.mean(axis=0)
-    _, reach, lines = np.linalg.svd(off_m)
-    if reach[1] > ONE_LINE * reach[0]:
-        return ""
-    far_m = max(steps.moves - steps.moves[0], key=lambda move_m: float(move_m @ move_m))
-    line = lines[0] if far_m @ lines[0] > 0 else -lines[0]
-    along = off_m @ line
-    shift = -(along @ steps.positions) / (along @ along)
-    length = float(np.linalg.norm(shift))
-    if length == 0 or math.acos(float(np.clip(line @ shift / length, -1, 1))) < OTHER_WAY_RAD:
-        return ""
-    middle = steps.positions.mean(axis=0)
-    sight = _unit(middle)
-    # How far it has shifted across the line of sight, against what turns of the camera do.
-    shown = shift * float(np.ptp(along))
-    across = float(np.linalg.norm(shown - sight * (sight @ shown)))
-    turned = SHOWN_SIGMAS * math.sqrt(2) * errors.turn_rad * float(np.linalg.norm(middle))
-    if across < turned and float(line @ shift) > -OTHER_WAY_RAD * length:
-        return ""
-    said, seen = _direction_word(line), _direction_word(shift)
-    return (
-        f"steps that are given as {said} go {seen} in the pictures; write a direction behind the length, such as "
-        f"b.jpg@20cm:{seen}"
-    )
-
-
-def _misfit_words(views: Sequence[StepView], fit: _SizeFit, camera: CameraModel, errors: StepErrors) -> str:
+def _misfit_words(views: Sequence[StepView], fit: _SizeFit) -> str:
     apart_m = np.linalg.norm(fit.residuals, axis=1) / max(fit.slope, 1e-9)
     worst = int(np.argmax(apart_m))
-    culprit = ""
-    if len(views) > 3:
-        without = [_Steps([*views[:i], *views[i + 1 :]], camera, errors).fit().misfit_sigmas for i in range(len(views))]
-        if min(without) < MISFIT_SIGMAS:
-            worst = int(np.argmin(without))
-            culprit = f"; without {views[worst].picture} the others agree"
     return (
-        f"the thing moved, or the steps are wrong: {views[worst].picture} is {100 * apart_m[worst]:.1f} cm off"
-        f"{culprit}. Lengths count from the first picture, not from the one before; the thing must stand still, and "
-        "the camera look the same way in all pictures"
+        f"the thing moved, or the steps are wrong: {views[worst].picture} fits worst, it is {100 * apart_m[worst]:.1f} "
+        "cm off. Lengths count from the first picture, not from the one before, straight ahead unless they say "
+        "another direction; the thing must stand still, and the camera look the same way in all pictures"
     )
 
 
 def _unknown_words(steps: _Steps, made: LearntSize | None) -> str:
     way = f"over {100 * steps.way_m:.0f} cm"
-    advice = "straight towards it, and check that the steps are as you gave them"
+    advice = "straight towards it, and check the steps as you gave them, their directions too"
     if made is None or made.sigma_share > 1:
         return f"the thing hardly grows {way}, so its size is not known; move the camera several times as far, {advice}"
     further = made.sigma_share / (MAX_SHARE / 2)
