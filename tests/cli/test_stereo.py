@@ -113,7 +113,7 @@ def test_a_board_in_only_one_picture_of_a_pair_leaves_it_out(boards: Path, outpu
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda paths: paths[:-1], "7 pictures of the left camera and 6 of the right one"),
+        (lambda paths: paths[:-1], "there are 13 pictures; give as many of both cameras"),
         (lambda paths: paths[:2] + paths[7:9], "2 pairs show the board in both pictures; two cameras need 3"),
         (lambda paths: [*paths, paths[0]], "is given twice"),
     ],

@@ -5,15 +5,12 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import CalibrationError
-from stadimeter.ranging.board_calibration import EDGES, BoardCalibration, BoardView, calibrate_board, edges_away
+from stadimeter.ranging.board_calibration import BoardCalibration, BoardView, calibrate_board
 from stadimeter.ranging.plane_pose import plane_poses, rectangle
-from support.each_case import each_case
 
 pytestmark = pytest.mark.vision
 
@@ -191,46 +188,3 @@ def test_where_no_board_was_a_distance_is_less_sure() -> None:
 def test_intervals_hold_everywhere(area_px: Area, noise_px: float) -> None:
     held = inside_95(200, area_px, noise_px)
     assert all(0.9 <= share <= 0.995 for share in held.values()), held
-
-
-# Which way boards are tilted.
-
-CORNERS = np.column_stack([axis.ravel() for axis in np.meshgrid(np.arange(9), np.arange(6))]) * 0.025
-LONG_LENS = CameraModel.with_focal_length(700.0, 640, 480)
-
-
-def seen(turn: tuple[float, float, float], camera: CameraModel = LONG_LENS) -> BoardView:
-    rotation, _ = cv2.Rodrigues(np.array(turn))
-    flat = np.column_stack((CORNERS - CORNERS.mean(axis=0), np.zeros(len(CORNERS))))
-    points = flat @ rotation.T + (0.01, -0.02, 0.5)
-    return BoardView(picture="a", board_m=CORNERS, corners_px=camera.project(points[:, :2] / points[:, 2:]))
-
-
-# The camera frame has x to the right, y down and z forward: turning about x by a positive angle takes the lower edge
-# away, and about y brings it nearer on the right.
-@each_case(
-    ("turn", "away"),
-    [
-        ((0.6, 0.0, 0.0), {"lower"}),
-        ((-0.6, 0.0, 0.0), {"upper"}),
-        ((0.0, 0.6, 0.0), {"left"}),
-        ((0.0, -0.6, 0.0), {"right"}),
-        ((0.5, -0.5, 0.0), {"lower", "right"}),
-        ((0.1, -0.1, 0.0), set()),
-        ((0.0, 0.0, 0.7), set()),
-    ],
-)
-@each_case("focal_px", [450.0, 700.0, 1000.0])
-def test_the_edges_that_are_away_are_named_whatever_the_focal_length(
-    turn: tuple[float, float, float], away: set[str], focal_px: float
-) -> None:
-    camera = replace(LONG_LENS, fx_px=focal_px, fy_px=focal_px)
-    assert edges_away(seen(turn, camera), 640, 480) == away
-
-
-@given(
-    corners=st.lists(st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4)), min_size=54, max_size=54),
-)
-def test_whatever_the_corners_are_there_is_an_answer(corners: list[tuple[float, float]]) -> None:
-    view = BoardView(picture="a", board_m=CORNERS, corners_px=np.array(corners))
-    assert edges_away(view, 640, 480) <= set(EDGES)

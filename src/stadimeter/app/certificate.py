@@ -142,8 +142,7 @@ class Site:
             if limit_m < reach.nearest_m - ROUNDING_M:
                 trouble = f"it was not seen nearer than {length(reach.nearest_m)}"
             if limit_m > reach.reliable_m + ROUNDING_M:
-                further = f", by the error model to {length(reach.expected_m)}" * (reach.expected_m > reach.reliable_m)
-                trouble = f"distances were found reliable to {length(reach.reliable_m)}{further}, where {reach.limit}"
+                trouble = f"distances were found reliable to {length(reach.reliable_m)}, where {reach.limit}"
             yield Reliance(at=at, words=words, bias_m=bias_m, sigma_m=sigma_m, trouble=trouble)
 
 

@@ -86,9 +86,8 @@ def stereo(
     sides, near and far, and in all parts of the pictures. Hold it still, or trigger both cameras together: what moved
     between the two pictures of a pair is named and left out.
 
-    The left camera is the one from which distances are measured; seen from behind both it is the one on the left. If
-    the pictures are in two folders, or their names differ by more than their numbers, as left01.jpg and right01.jpg do,
-    those are the two cameras; otherwise the first half is of the left one.
+    The left camera is the one from which distances are measured; seen from behind both it is the one on the left. The
+    first half of the pictures is of the left one.
 
     The stereo file holds both lenses, where the right camera is, and how well all of that is known together. After that
     the cameras must not move against each other: a turn by a tenth of a degree is an error of several per cent.

@@ -21,7 +21,6 @@ from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import split_spread
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.workbench.site import (
-    MORE,
     WATCH_S,
     SiteSession,
     check_view,
@@ -118,11 +117,10 @@ def certify(
 ) -> None:
     """Certify how right distances are at this place, in this light, and which thresholds that carries.
 
-    Asks for the target at five distances, from 50 cm to the farthest that a rule uses, and at up to five more while an
-    error of the scale of 1.5 % might go unnoticed. Measure each with a tape, from the lens to the target's nearest
-    point, and keep everything still while the camera watches for some seconds; a run that has the camera goes on.
-    From all of them follow an error of the scale, the smallest one that would have been found, an offset, the scatter
-    and the farthest reliable distance.
+    Asks for the target at five distances, from 50 cm to the farthest that a rule uses. Measure each with a tape, from
+    the lens to the target's nearest point, and keep everything still while the camera watches for some seconds; a run
+    that has the camera goes on. From all of them follow an error of the scale, the smallest one that would have been
+    found, an offset, the scatter and the farthest reliable distance.
 
     Writes CONFIG.certificate.json and .html beside the configuration, and saves the view of a fixed camera.
     `stadimeter check` then says which threshold the site does not carry, and when the lens or the size of the target
@@ -174,11 +172,6 @@ def _take_all(
         take = partial(_take_asking, session, tape_m, for_s)
     folders: Sequence[Path | None] = pictures or [None] * len(wanted_m)
     seen = [take(each_m, folder) for each_m, folder in zip(wanted_m, folders, strict=True)]
-    if not asked and session.propose_further_m():
-        typer.echo(MORE)
-        for (further_m,) in iter(session.propose_further_m, []):
-            if not take(further_m):
-                break
     return all(seen)
 
 

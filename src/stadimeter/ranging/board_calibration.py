@@ -528,37 +528,3 @@ _PLACES = (
     ("left", "middle", "right"),
     ("lower left", "lower middle", "lower right"),
 )
-
-
-# From this angle on a board counts as tilted.
-TILTED_RAD = math.radians(20)
-
-# The edges of a board that can be turned away from the camera, as the picture shows them.
-EDGES = ("left", "right", "upper", "lower")
-
-
-def edges_away(view: BoardView, width_px: int, height_px: int) -> frozenset[str]:
-    """Return which edges of a board are turned away: one or two of `EDGES`; none if frontal or of unknown pose."""
-    # Only the sign and the size of the tilt are wanted: a field of view of 53 degrees is near enough, and the principal
-    # point is taken to be in the middle.
-    rough_px = float(max(width_px, height_px))
-    camera = np.array([[rough_px, 0, (width_px - 1) / 2], [0, rough_px, (height_px - 1) / 2], [0, 0, 1]])
-    board = np.column_stack((view.board_m, np.zeros(len(view.board_m))))
-    try:
-        found, turn, shift = cv2.solvePnP(board, view.corners_px.reshape(-1, 1, 2), camera, None)
-    except cv2.error:
-        return frozenset()
-    normal = np.asarray(cv2.Rodrigues(turn)[0], np.float64)[:, 2]
-    if not found or not np.isfinite(normal).all():
-        return frozenset()
-    # Seen from the camera the depth grows to where the normal that points at the camera leans.
-    towards = -normal if float(normal @ np.asarray(shift).ravel()) > 0 else normal
-    return frozenset(_leaning(float(towards[0]), -float(towards[2]), "left", "right")) | frozenset(
-        _leaning(float(towards[1]), -float(towards[2]), "upper", "lower")
-    )
-
-
-def _leaning(across: float, towards_camera: float, less: str, more: str) -> tuple[str, ...]:
-    if abs(math.atan2(across, towards_camera)) < TILTED_RAD:
-        return ()
-    return (more,) if across > 0 else (less,)

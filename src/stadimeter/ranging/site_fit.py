@@ -32,7 +32,6 @@ from numpy.typing import NDArray
 
 from stadimeter.core.measurement import Measurement
 from stadimeter.errors import CalibrationError
-from stadimeter.ranging.similar_triangles import RELIABLE_PX
 
 Values = NDArray[np.float64]
 
@@ -64,9 +63,6 @@ MOVED_SIGMAS, MOVED_SHARE, MOVED_NOISES = 5.0, 0.003, 1.5
 
 # A distance can be relied on while its error is within this share in 95 of 100 frames, and as many show the target.
 RELIABLE_SHARE, RELIABLE_RATE = 0.1, 0.95
-
-# How far beyond the farthest placement the error model is followed.
-MAX_BEYOND = 3.0
 
 
 class Placement(Struct, frozen=True, kw_only=True):
@@ -239,34 +235,17 @@ def fit_site(placements: Sequence[Placement]) -> SiteFit:
     )
 
 
-def further_place_m(placements: Sequence[Placement], fit: SiteFit, places_m: Sequence[float]) -> float:
-    """Return at which of some distances of the tape one more placement would make the scale surest."""
-    covariance, radius_m = np.array(fit.covariance), placements[0].true_m - placements[0].tape_m
-    tape_m = max(each.tape_sigma_m for each in placements)
-    covariance[1, 1] -= tape_m**2  # the tape's zero is the same there
-
-    def gain(place_m: float) -> float:
-        at_m = place_m + radius_m
-        row = np.array([at_m, 1.0, fit.edge_per_m * at_m**2])
-        known = covariance @ row
-        return float(known[0] ** 2 / (row @ known + tape_m**2 + noise_at_m(placements, at_m) ** 2))
-
-    return max(places_m, key=gain)
-
-
 class Reach(Struct, frozen=True, kw_only=True):
     """The range in which distances can be relied on.
 
     Attributes:
         nearest_m: The nearest distance: 0, or the nearest placement that was seen if it was not seen at a nearer one.
         reliable_m: The farthest distance, none beyond the farthest placement; 0 for nowhere.
-        expected_m: The same by the error model, which goes beyond that.
         limit: What ends it there.
     """
 
     nearest_m: float
     reliable_m: float
-    expected_m: float
     limit: str
 
 
@@ -281,16 +260,12 @@ def find_reach(placements: Sequence[Placement], fit: SiteFit) -> Reach:
     """Find how far the error stays within `RELIABLE_SHARE` and the target is seen in `RELIABLE_RATE` of frames."""
     places_m, rates = zip(*sorted((each.true_m, each.found / each.frames) for each in placements), strict=True)
     read_m = [each.true_m for each in placements if each.is_read]
-    # Beyond the farthest placement it appears smaller in proportion, down to what detectors find.
-    smallest_m = max(*read_m, *(each.size_px * each.true_m / RELIABLE_PX for each in placements))
-    last_m, limit = 0.0, "the error model ends"
-    for distance_m in np.geomspace(min(read_m), MAX_BEYOND * places_m[-1], 400).tolist():
+    last_m, limit = 0.0, "nothing was measured beyond"
+    for distance_m in np.geomspace(min(read_m), max(read_m), 400).tolist():
         bias_m, sigma_m = fit.bias_m(distance_m)
         error_m = abs(bias_m) + SIGMAS_95 * math.hypot(sigma_m, noise_at_m(placements, distance_m))
         if np.interp(distance_m, places_m, rates) < RELIABLE_RATE:
             limit = f"it is seen in fewer than {RELIABLE_RATE:.0%} of frames"
-        elif distance_m > smallest_m:
-            limit = f"it will appear smaller than {RELIABLE_PX:g} px"
         elif error_m > RELIABLE_SHARE * distance_m:
             limit = f"the error is more than {RELIABLE_SHARE:.0%} in 5 of 100 readings"
         else:
@@ -298,4 +273,4 @@ def find_reach(placements: Sequence[Placement], fit: SiteFit) -> Reach:
             continue
         break
     nearest_m = min(read_m) if places_m[0] < min(read_m) else 0.0
-    return Reach(nearest_m=nearest_m, reliable_m=min(last_m, max(read_m)), expected_m=last_m, limit=limit)
+    return Reach(nearest_m=nearest_m, reliable_m=last_m, limit=limit)

@@ -41,10 +41,6 @@ from stadimeter.workbench.measuring import Measuring
 # How many distances are proposed, from which on, and up to where if no rule says.
 PROPOSED, NEAREST_M, USUAL_FARTHEST_M = 5, 0.5, 3.0
 
-# How many more are proposed where an error of the scale would go unnoticed, and from which distance on. Nearer, many
-# lenses are out of focus.
-MAX_FURTHER, FURTHER_FROM_M = 5, 0.3
-
 # Distances are proposed in whole steps of 5 cm.
 STEPS_PER_M = 20
 
@@ -147,33 +143,13 @@ class SiteSession:
     def propose_m(self) -> list[float]:
         """Return distances for the tape, from near to the farthest that a rule uses; those that are done left out."""
         ends_m = [limit_m + (leaf.deadband if leaf else 0.0) for _, _, limit_m, leaf in self.site.distances()]
-        near_m = self._near_m(NEAREST_M)
+        model, placements = self.site.model, self.certificate.placements
+        # There the target is whole in the picture, with a tenth of room.
+        near_m = max(NEAREST_M, 1.1 * farthest_m(self.site.shape, model, min(model.width_px, model.height_px)))
         far_m = min(MAX_TAPE_M, max(2 * near_m, *ends_m, 0.0 if ends_m else USUAL_FARTHEST_M))
         steps = (near_m * (far_m / near_m) ** (number / (PROPOSED - 1)) for number in range(PROPOSED))
-        return self._left_m(math.ceil(STEPS_PER_M * each - 1e-9) for each in steps)
-
-    def propose_further_m(self) -> list[float]:
-        """Return where one more placement makes the scale surest; nothing where that need not be, or cannot be."""
-        placements = [each for each in self.certificate.placements if each.is_read]
-        try:
-            fit = site_fit.fit_site(placements)
-        except CalibrationError:
-            return []
-        if fit.least_scale <= site_fit.WANTED_SCALE or len(self.certificate.placements) >= PROPOSED + MAX_FURTHER:
-            return []
-        near, far = (STEPS_PER_M * each for each in (self._near_m(FURTHER_FROM_M), placements[-1].tape_m))
-        left_m = self._left_m(range(math.ceil(near - 1e-9), math.floor(far + 1e-9) + 1))
-        return [site_fit.further_place_m(placements, fit, left_m)] if left_m else []
-
-    def _near_m(self, least_m: float) -> float:
-        """Return the nearest distance at which the target is whole in the picture, with a tenth of room."""
-        model = self.site.model
-        return max(least_m, 1.1 * farthest_m(self.site.shape, model, min(model.width_px, model.height_px)))
-
-    def _left_m(self, steps: Iterable[int]) -> list[float]:
-        """Return distances that are whole steps, without those where something was measured."""
-        places_m = (step / STEPS_PER_M for step in steps)
-        return [each for each in places_m if len(self._others(each)) == len(self.certificate.placements)]
+        places_m = (math.ceil(STEPS_PER_M * each - 1e-9) / STEPS_PER_M for each in steps)
+        return [each for each in places_m if len(self._others(each)) == len(placements)]
 
     def take(
         self, tape_m: float, sigma_m: float = TAPE_M, for_s: float = WATCH_S, pictures: Path | None = None
@@ -294,9 +270,6 @@ RELIABLE = (
     f"an error within {site_fit.RELIABLE_SHARE:.0%} in 95 of 100 readings, the target seen in"
     f" {site_fit.RELIABLE_RATE:.0%} of frames"
 )
-MORE = (
-    f"An error of the scale of {site_fit.WANTED_SCALE:.1%} might go unnoticed so far: further distances make it surer."
-)
 
 
 def summary_of(made: Certificate) -> Iterator[str]:
@@ -310,7 +283,8 @@ def summary_of(made: Certificate) -> Iterator[str]:
         times = 1 / (1 + fit.scale)
         yield f"{ALIKE} its size may be {100 * (times - 1):+.2f} % off. {CORRECT} {times:.4f}."
     least = f"An error of the scale from {100 * fit.least_scale:.1f} % on"
-    yield f"{least} is found in 95 of 100 cases, a smaller one less often."
+    more = "; further distances make it surer" * (fit.least_scale > site_fit.WANTED_SCALE)
+    yield f"{least} is found in 95 of 100 cases, a smaller one less often{more}."
     sure = f"± {100 * SIGMAS_95 * fit.offset_sigma_m:.1f} cm (95 % interval, the zero of the tape included)"
     yield f"Offset: distances are {100 * fit.offset_m:+.1f} cm too long, {sure}: {_verdict(fit.has_offset)}."
     if fit.has_offset:
@@ -323,9 +297,7 @@ def summary_of(made: Certificate) -> Iterator[str]:
         at = f"most of all that at {placements[fit.worst].tape_m:g} m: measure it again"
         yield f"The placements contradict each other more than those of 99 of 100 sites, {at}."
     near = f"from {length(reach.nearest_m)} " if reach.nearest_m else ""
-    yield f"Reliable {near}to {length(reach.reliable_m)}: {RELIABLE}."
-    on = f"by the error model it goes on to {length(reach.expected_m)}; there {reach.limit}"
-    yield f"Nothing was measured beyond the farthest placement; {on}."
+    yield f"Reliable {near}to {length(reach.reliable_m)}: {RELIABLE}. There {reach.limit}."
     if made.background is not None:
         yield f"View of the camera, by which a run tells whether it was moved: {made.background}."
 

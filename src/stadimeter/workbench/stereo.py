@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -27,30 +26,19 @@ PicturePair = tuple[Path, Path]
 def pair_pictures(paths: Sequence[Path]) -> list[PicturePair]:
     """Return pairs of pictures from those of the left camera, in order, followed by those of the right camera.
 
-    If the pictures are in two folders, or have names that differ by more than their numbers, of two kinds, those are
-    the two cameras; otherwise the first half is of the left one.
-
     Raises:
-        ConfigError: The two cameras have unequal numbers of pictures, or a picture is given twice.
+        ConfigError: Their number is odd, or a picture is given twice.
     """
     for number, path in enumerate(paths):
         if path in paths[:number]:
             raise ConfigError(f"{path} is given twice; both cameras take a picture of their own")
-    kinds = [(path.parent, re.sub(r"\d+", "", path.name)) for path in paths]
-    if len(set(kinds)) > 2:
-        kinds = [(path.parent, "") for path in paths]
-    half = (len(paths) + 1) // 2
-    is_left = [kind == kinds[0] for kind in kinds] if len(set(kinds)) == 2 else [at < half for at in range(len(paths))]
-    left = [path for path, is_first in zip(paths, is_left, strict=True) if is_first]
-    right = [path for path, is_first in zip(paths, is_left, strict=True) if not is_first]
-    if len(left) != len(right) or not left:
-        shown = f": {left[0]} … and {right[0]} …" if left and right else ""
-        many = f"{len(left)} picture{'s' if len(left) != 1 else ''} of the left camera"
+    half = len(paths) // 2
+    if 2 * half != len(paths) or not half:
         raise ConfigError(
-            f"{many} and {len(right)} of the right one{shown}; give as many of both, "
-            "first those of the left camera, in the same order"
+            f"there are {len(paths)} pictures; give as many of both cameras, first those of the left camera, in the "
+            "same order"
         )
-    return list(zip(left, right, strict=True))
+    return list(zip(paths[:half], paths[half:], strict=True))
 
 
 class BoardPairs(Struct, frozen=True, kw_only=True):

@@ -26,15 +26,12 @@ from numpy.typing import NDArray
 from stadimeter.core.frame import Frame, Image, Optics
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import (
-    EDGES,
     VIEWS_ENOUGH,
-    VIEWS_MIN,
     BoardCalibration,
     BoardView,
     apart_px,
     calibrate_board,
     coverage,
-    edges_away,
     in_common,
 )
 from stadimeter.workbench.measuring import open_picture
@@ -199,9 +196,6 @@ def find_boards(
     return BoardPictures(views=tuple(views), missed=tuple(missed), width_px=shape[0], height_px=shape[1], optics=optics)
 
 
-# Before this many views show a tilted board, nothing is calibrated.
-TILTED_MIN = 2
-
 # After this many views it ends: more add nothing, and each makes the fit slower.
 VIEWS_MAX = 40
 
@@ -237,7 +231,6 @@ class BoardSession:
         self._date = date
         self._must_be_steady = must_be_steady
         self.seen: BoardView | None = None
-        self._edges_away: list[frozenset[str]] = []
         self.views: list[BoardView] = []
         self.width_px = self.height_px = 0
         self.optics: Optics | None = None
@@ -262,7 +255,6 @@ class BoardSession:
         why_not = self._unsteady(found, before) or self._too_similar(found)
         if not why_not:
             self.views.append(found)
-            self._edges_away.append(edges_away(found, self.width_px, self.height_px))
             self.calibration = self._calibrated()
         return why_not
 
@@ -271,15 +263,12 @@ class BoardSession:
         if not self.views:
             return ("views of the board",)
         share, uncovered = coverage(self.views, self.width_px, self.height_px)
-        seen_away = frozenset[str]().union(*self._edges_away)
-        edges = [edge for edge in EDGES if edge not in seen_away]
         more = VIEWS_ENOUGH - len(self.views)
         focal = math.inf if self.calibration is None else self.calibration.camera_model.focal_relative_sigma
         needed = (
             ("the board in the " + ", ".join(uncovered), bool(uncovered)),
             (f"the board in more of the picture than {share:.0%}", not uncovered and share < GOOD_COVERAGE),
-            ("a tilt with the " + ", ".join(edges) + " edge away", bool(edges)),
-            (f"tilts, for a focal length better than ± {focal:.1%}", not edges and focal > GOOD_FOCAL_SHARE),
+            ("tilts by 30 to 45 degrees, to all sides", focal > GOOD_FOCAL_SHARE),
             (f"{more} more view{'s' if more > 1 else ''}", more > 0),
         )
         return tuple(words for words, is_missing in needed if is_missing)
@@ -315,13 +304,10 @@ class BoardSession:
         return f"much like {like}; move it further, or tilt it more" if like else ""
 
     def _calibrated(self) -> BoardCalibration | None:
-        # Boards that face the camera do not fix it, and trying takes long; so does trying without each one in turn.
-        if len(self.views) < VIEWS_MIN or sum(map(bool, self._edges_away)) < TILTED_MIN:
-            return None
         try:
             return calibrate_board(self.views, self.width_px, self.height_px, date=self._date, optics=self.optics)
         except CalibrationError:
-            return None  # not yet: further views will fix it
+            return None  # not yet: further views, or boards that are tilted, will fix it
 
 
 def _is_like(view: BoardView, other: BoardView, width_px: int) -> bool:

@@ -13,7 +13,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.config.units import parse_length
 from stadimeter.errors import ConfigError, NotThereError, UnreadableError
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
-from stadimeter.workbench.site import HTML, MORE, SiteSession, describe_placement, describe_reliance, summary_of
+from stadimeter.workbench.site import HTML, SiteSession, describe_placement, describe_reliance, summary_of
 
 
 @operation
@@ -21,10 +21,8 @@ def state(desk: Desk) -> dict[str, Any]:
     """Answer the distances that are left, what was measured, and what the certificate says that there is."""
     session = SiteSession(load_configuration(desk.configuration))
     made = load_certificate(desk.configuration)
-    left_m, further_m = session.propose_m(), session.propose_further_m()
     return {
-        "left_m": left_m or further_m,
-        "remark": MORE if further_m and not left_m else "",
+        "left_m": session.propose_m(),
         "placements": [
             {"tape_m": each.tape_m, "is_read": each.is_read, "words": describe_placement(each)}
             for each in session.certificate.placements

@@ -33,12 +33,11 @@ export function View({ api, say }) {
   </div>`;
 }
 
-function Form({ left_m, remark, placements, take, finish }) {
+function Form({ left_m, placements, take, finish }) {
   const [distance, sigma] = [useRef(), useRef()];
   const read = () => take({ distance: distance.current.value, sigma: sigma.current.value });
   const isEnough = placements.filter(({ is_read }) => is_read).length > 2;
   return html`<p>${HOW}</p>
-    ${remark && html`<p>${remark}</p>`}
     <div class="row">
       <${Field} label="Distance"><input ref=${distance} defaultValue=${left_m.length ? `${left_m[0]} m` : ""} /><//>
       <${Field} label="Known to ±"><input ref=${sigma} defaultValue="2 mm" /><//></div>
