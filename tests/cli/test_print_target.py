@@ -176,8 +176,8 @@ def test_another_program_reads_the_file_and_sees_the_same(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("tag", "30cm"), "the side 155mm at most, or take --paper A2"),
-        (("board", "--square", "40mm"), "the squares 25mm at most, or take --paper A2"),
+        (("tag", "30cm"), "A4 has no room for it: make it smaller, or take --paper A2"),
+        (("board", "--square", "40mm"), "A4 has no room for it: make it smaller, or take --paper A2"),
         (("tag", "--paper", "A9"), "--paper: 'A9' is no paper to print on"),
         (("tag", "--id", "9999"), "9999 is not in apriltag-36h11"),
         (("tag", "--id", "0-99999"), "200 at most"),
@@ -217,8 +217,8 @@ def test_an_svg_has_its_true_size(tmp_path: Path) -> None:
 CONFIGURATIONS = Path(__file__).parents[2] / "config"
 
 
-def run_wiring(*arguments: str | Path, columns: int = 80) -> tuple[int, str]:
-    done = CliRunner().invoke(app, ["wiring", *map(str, arguments)], env={"COLUMNS": str(columns)})
+def run_wiring(*arguments: str | Path) -> tuple[int, str]:
+    done = CliRunner().invoke(app, ["wiring", *map(str, arguments)])
     return done.exit_code, done.output
 
 

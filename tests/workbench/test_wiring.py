@@ -45,8 +45,8 @@ CAR = DriverChoice(
 )
 
 
-def drawn(*actuators: DriverChoice, width: int = 80) -> str:
-    return wiring_text(actuators, width=width)
+def drawn(*actuators: DriverChoice) -> str:
+    return wiring_text(actuators)
 
 
 def test_the_wires_of_several_outputs_get_pins_of_their_own_while_there_are_any() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -73,8 +72,8 @@ def tag(
     with plain_errors():
         wanted = _numbers(numbers or ["0"])
         drawn = [(number, _draw_target({"--tag": size, "--family": family, "--id": number})) for number in wanted]
-        full, side_m = (drawn[0][1][1][key] for key in ("family", "side"))
-        items = [Item(drawing, "the side", side_m, f"{full}  id {number}") for number, (drawing, _) in drawn]
+        full = drawn[0][1][1]["family"]
+        items = [Item(drawing, f"{full}  id {number}") for number, (drawing, _) in drawn]
         words = f"{full}, id {_in_words(wanted)}: the side of the black square is {size}."
         table = {"detector": "tag", "side": size, "family": full, **({"id": wanted[0]} if len(wanted) == 1 else {})}
         option = f"--tag {size} --family {family}"
@@ -100,10 +99,9 @@ def disc(
     be written.
     """
     with plain_errors():
-        drawing, options = _draw_target({"--disc": size})
-        item = Item(drawing, "the diameter", options["diameter"])
+        drawing, _ = _draw_target({"--disc": size})
         words = f"A disc of {size} across. Leave the white around it."
-        pages = _write(output, [item], paper, (words, CHECK, f"stadimeter measure … --disc {size}"))
+        pages = _write(output, [Item(drawing)], paper, (words, CHECK, f"stadimeter measure … --disc {size}"))
         table = {"detector": "disc", "diameter": size, "shade": "dark"}
         _tell(output, pages, paper, {"disc": table}, as_json=as_json)
 
@@ -138,8 +136,12 @@ def board(
         which = f"--board {chessboard}" if chessboard else f"--charuco {charuco}"
         of_charuco = f" --marker {marker} --dictionary {dictionary}" if charuco else ""
         options = f"{which} --square {square}{of_charuco}"
-        item = Item(board_drawing(wanted), "the squares", wanted.square_m)
-        pages = _write(output, [item], paper, (f"Squares of {square}. {CHECK}", f"calibrate board … {options}"))
+        pages = _write(
+            output,
+            [Item(board_drawing(wanted))],
+            paper,
+            (f"Squares of {square}. {CHECK}", f"calibrate board … {options}"),
+        )
         _tell(output, pages, paper, {}, as_json=as_json)
         if not as_json:
             typer.echo(f"then: stadimeter calibrate board --live opencv,device=0 {options} -o camera.toml")
@@ -230,6 +232,6 @@ def wiring(
         if as_json:
             typer.echo(json.dumps(msgspec.to_builtins(find_outputs(parts)), ensure_ascii=False))
         elif output is None:
-            typer.echo(wiring_text(parts, width=shutil.get_terminal_size().columns))
+            typer.echo(wiring_text(parts))
         else:
             typer.echo(f"wrote {output}")

@@ -241,18 +241,15 @@ INCH_M = 0.0254
 
 
 class Item(NamedTuple):
-    """A drawing to print.
-
-    Attributes:
-        measure: What its size goes by, such as ``the side``, for the message where it is too large.
-        measure_m: How long that is.
-        label: What stands below it; empty for nothing.
-    """
+    """A drawing to print, and what stands below it; empty for nothing."""
 
     drawing: Drawing
-    measure: str
-    measure_m: float
     label: str = ""
+
+    @property
+    def height_m(self) -> float:
+        """The height with the label."""
+        return self.drawing.height_m + (LABEL_M if self.label else 0.0)
 
 
 class _Grid(NamedTuple):
@@ -263,6 +260,11 @@ class _Grid(NamedTuple):
     columns: int
     rows: int
 
+    @property
+    def holds(self) -> int:
+        """The number of items that it holds."""
+        return self.columns * self.rows
+
 
 def print_pages(items: Sequence[Item], paper: str, words: Sequence[str]) -> tuple[Drawing, ...]:
     """Return pages with items of one size: as few as hold them, upright or across.
@@ -272,80 +274,46 @@ def print_pages(items: Sequence[Item], paper: str, words: Sequence[str]) -> tupl
         words: Lines for the foot of each page.
 
     Raises:
-        ConfigError: There is no such paper, or an item is larger than it; the message says how large one may be.
+        ConfigError: There is no such paper, or an item is larger than it.
     """
-    grid = _grid(items[0], paper)
-    on_one = grid.columns * grid.rows
-    parts = [items[first : first + on_one] for first in range(0, len(items), on_one)]
+    name = {each.casefold(): each for each in PAPERS}.get(paper.strip().casefold())
+    if name is None:
+        raise ConfigError(f"--paper: {paper!r} is no paper to print on; there are {', '.join(PAPERS)}")
+    grid = _best_grid(items[0], name)
+    if not grid.holds:
+        size = f"{100 * items[0].drawing.width_m:.1f} × {100 * items[0].drawing.height_m:.1f} cm"
+        way = next((f", or take --paper {each}" for each in PAPERS if _best_grid(items[0], each).holds), "")
+        raise ConfigError(f"that takes {size} on the paper and {name} has no room for it: make it smaller{way}")
+    parts = [items[first : first + grid.holds] for first in range(0, len(items), grid.holds)]
     return tuple(
         Drawing(grid.width_m, grid.height_m, (*_place_items(each, grid), *_foot(grid, words))) for each in parts
     )
 
 
-def _grid(item: Item, paper: str) -> _Grid:
-    """Return the better of the two ways to hold the paper; upright if they are alike."""
-    name = {each.casefold(): each for each in PAPERS}.get(paper.strip().casefold())
-    if name is None:
-        raise ConfigError(f"--paper: {paper!r} is no paper to print on; there are {', '.join(PAPERS)}")
-    best = max((_fit_grid(item, *sides) for sides in _both_ways(name)), key=_count)
-    if not _count(best):
-        raise ConfigError(_too_large(item, name))
-    return best
-
-
-def _both_ways(paper: str) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return width and height of a paper upright and across."""
+def _best_grid(item: Item, paper: str) -> _Grid:
+    """Return the better of the two ways to hold a paper; upright if they are alike."""
     short_m, long_m = sorted(parse_length(side) for side in paper_sides(paper))
-    return (short_m, long_m), (long_m, short_m)
-
-
-def _count(grid: _Grid) -> int:
-    return grid.columns * grid.rows
+    return max((_fit_grid(item, short_m, long_m), _fit_grid(item, long_m, short_m)), key=lambda grid: grid.holds)
 
 
 def _fit_grid(item: Item, width_m: float, height_m: float) -> _Grid:
-    room_across_m, room_down_m = _room(width_m, height_m)
-    columns = _how_many(room_across_m, item.drawing.width_m)
-    return _Grid(width_m, height_m, columns, _how_many(room_down_m, item.drawing.height_m + _label_m(item)))
+    rooms_m = zip(_room(width_m, height_m), (item.drawing.width_m, item.height_m), strict=True)
+    columns, rows = (math.floor((room_m + GAP_M) / (each_m + GAP_M) + 1e-9) for room_m, each_m in rooms_m)
+    return _Grid(width_m, height_m, columns, rows)
 
 
 def _room(width_m: float, height_m: float) -> tuple[float, float]:
     return width_m - 2 * MARGIN_M, height_m - 2 * MARGIN_M - FOOTER_M
 
 
-def _how_many(room_m: float, each_m: float) -> int:
-    return math.floor((room_m + GAP_M) / (each_m + GAP_M) + 1e-9)
-
-
-def _label_m(item: Item) -> float:
-    return LABEL_M if item.label else 0.0
-
-
-def _largest_share(item: Item, paper: str) -> float:
-    """Find how many times as large as it is an item can be on a paper."""
-    shares = []
-    for sides in _both_ways(paper):
-        across_m, down_m = _room(*sides)
-        shares.append(min(across_m / item.drawing.width_m, (down_m - _label_m(item)) / item.drawing.height_m))
-    return max(shares)
-
-
-def _too_large(item: Item, name: str) -> str:
-    size = f"{100 * item.drawing.width_m:.1f} × {100 * item.drawing.height_m:.1f} cm"
-    fits_mm = math.floor(1000 * item.measure_m * _largest_share(item, name))
-    larger = [each for each in PAPERS if _largest_share(item, each) >= 1]
-    way = f", or take --paper {larger[0]}" if larger else ""
-    return f"that takes {size} on the paper and {name} has no room for it: make {item.measure} {fits_mm}mm at most{way}"
-
-
 def _place_items(items: Sequence[Item], grid: _Grid) -> Iterator[Shape]:
     across_m, down_m = _room(grid.width_m, grid.height_m)
     columns = min(grid.columns, len(items))
     cell_width_m, cell_height_m = across_m / columns, down_m / math.ceil(len(items) / columns)
-    for index, (drawing, _, _, label) in enumerate(items):
+    for index, (drawing, label) in enumerate(items):
         row, column = divmod(index, columns)
         x_m = MARGIN_M + column * cell_width_m + (cell_width_m - drawing.width_m) / 2
-        y_m = MARGIN_M + row * cell_height_m + (cell_height_m - drawing.height_m - _label_m(items[0])) / 2
+        y_m = MARGIN_M + row * cell_height_m + (cell_height_m - items[index].height_m) / 2
         yield from drawing.moved(x_m, y_m)
         if label:
             base_m = y_m + drawing.height_m + TEXT_M

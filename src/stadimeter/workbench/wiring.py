@@ -151,25 +151,22 @@ def pin_name(pin: int) -> str:
 
 
 ORIENTATION = "The header as you see it with the USB sockets at the bottom: pin 2 is in the corner of the board."
-NO_ROOM = "(The drawing needs {columns} columns; --output FILE draws it as a picture.)"
+
+# Columns of the text: as many as any terminal has.
+WIDTH = 80
 
 
-def wiring_text(parts: Sequence[DriverChoice], *, width: int = 80) -> str:
-    """Return a drawing of the header and of the circuit of every part on a pin.
-
-    Args:
-        parts: Of a configuration, such as its actuators.
-        width: Columns of the terminal. A circuit that does not fit is left out.
-    """
+def wiring_text(parts: Sequence[DriverChoice]) -> str:
+    """Return a drawing of the header and of the circuit of every part on a pin."""
     outputs = find_outputs(parts)
     if not outputs:
         return "no part is on a pin of the header"
-    return "\n".join([*textwrap.wrap(ORIENTATION, width), "", *_header(outputs, width), *_circuits(outputs, width)])
+    return "\n".join([*textwrap.wrap(ORIENTATION, WIDTH), "", *_header(outputs), *_circuits(outputs)])
 
 
-def _header(outputs: Sequence[WiredPin], width: int) -> Iterator[str]:
+def _header(outputs: Sequence[WiredPin]) -> Iterator[str]:
     labels = header_labels(outputs)
-    side = (width - len(" 11 ● ● 12 ")) // 2
+    side = (WIDTH - len(" 11 ● ● 12 ")) // 2
     left = max(len(_label(pin, labels, side)) for pin in range(1, 41, 2))
     dots = {pin: "●" if pin in labels else "○" for pin in range(1, 41)}
     for pin in range(1, 41, 2):
@@ -187,20 +184,19 @@ def _label(pin: int, labels: dict[int, tuple[str, ...]], room: int) -> str:
     return f"{names}: {pin_name(pin)}" if pin % 2 else f"{pin_name(pin)}: {names}"
 
 
-def _circuits(outputs: Sequence[WiredPin], width: int) -> Iterator[str]:
+def _circuits(outputs: Sequence[WiredPin]) -> Iterator[str]:
     said: set[str] = set()
     for output in outputs:
         yield ""
-        yield from textwrap.wrap(f"{output.name}: {output.title}", width)
+        yield from textwrap.wrap(f"{output.name}: {output.title}", WIDTH)
         yield ""
-        needed = max(map(len, output.lines))
-        yield from output.lines if needed <= width else textwrap.wrap(NO_ROOM.format(columns=needed), width)
+        yield from output.lines
         new = [note for note in output.notes if note not in said]
         said.update(new)
         if new:
             yield ""
         for note in new:
-            yield from textwrap.wrap(note, width)
+            yield from textwrap.wrap(note, WIDTH)
 
 
 # The cell of a character.
