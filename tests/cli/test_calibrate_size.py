@@ -14,7 +14,6 @@ import pytest
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
-from stadimeter.workbench.calibration.live_distance import FRAMES
 from support.command_line import Typed, typed
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -51,8 +50,8 @@ def _image(kind: str, ahead_m: float, right_m: float = 0.0) -> Image:
     return render(Scene(camera=LENS, target=target, seed=seed, backdrop=PlainBackdrop(bgr=(90, 84, 80)))).image
 
 
-def _run(*arguments: object, answers: str | None = None) -> Typed:
-    return typed("calibrate", "size", *arguments, answers=answers)
+def _run(*arguments: object) -> Typed:
+    return typed("calibrate", "size", *arguments)
 
 
 @pytest.fixture
@@ -129,7 +128,6 @@ def test_a_picture_without_the_thing_is_left_out_with_its_reason(camera, tmp_pat
         (("a.png", "b.png@0cm"), "all pictures are from one place, so the thing does not grow"),
         (("a.png", "b.png@25cm", "c.png@25cm"), "Lengths count from the first picture, not from the one before"),
         (("a.png", "b.png@-25cm", "c.png@-50cm"), "check the steps as you gave them, their directions too"),
-        ((), "give pictures with the camera's moves, or --live for a camera, one of the two"),
     ],
 )
 def test_what_is_wrong_is_said_with_what_to_do(arguments, words, camera, tmp_path, monkeypatch) -> None:
@@ -138,25 +136,6 @@ def test_what_is_wrong_is_said_with_what_to_do(arguments, words, camera, tmp_pat
     result = _run(*arguments, "--camera", camera, *BALL)
     assert (result.returncode, result.stdout) == (2, "")
     assert words in result.stderr
-
-
-def _live(folder: Path, camera: Path, images: list[Image], answers: str, *options: str) -> Typed:
-    for number, image in enumerate(images):
-        for frame in range(FRAMES):
-            cv2.imwrite(str(folder / f"{number}-{frame}.png"), image)
-    config = folder / "room.toml"
-    config.write_text(f'[camera]\ndriver = "images"\npaths = ["{folder}/*.png"]\nrate = "10 Hz"\n')
-    return _run("--live", config, "--camera", camera, *BALL, *options, answers=answers)
-
-
-@pytest.mark.long
-def test_before_a_camera_another_place_may_be_typed_and_a_missed_thing_is_asked_for_again(camera, tmp_path) -> None:
-    images = [_image("ball", 0.0), NOTHING, _image("ball", 0.25)]
-    result = _live(tmp_path, camera, images, "\n\n25 apples\n25cm\n", "--move", "20cm")
-    assert result.returncode == 0, result
-    assert "error: at 20cm it was found in 0 of 9 frames: no pixel" in result.stderr
-    assert "error: the move: '25 apples'" in result.stderr
-    assert re.search(r"diameter 1[78]\.\d cm ± \d", result.stdout)
 
 
 def test_two_tags_are_not_taken_for_one(camera, tmp_path) -> None:

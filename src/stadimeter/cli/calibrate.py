@@ -63,26 +63,10 @@ from stadimeter.workbench.measuring import open_picture
 # What is assumed of a size that is not known: any other gives the same answer.
 ASSUMED = "10cm"
 
-# Where the camera is moved to with --live if nothing else is said.
-USUAL_MOVES = ("20cm", "40cm")
-
 _ONE_SIZE = {"--ball", "--tag", "--disc"}
-
-_Pictures = Annotated[
-    list[str] | None,
-    typer.Argument(
-        metavar="PATH[@MOVE]",
-        help="Pictures, and how far the camera has moved since the first one: start.jpg near.jpg@20cm.",
-    ),
-]
 
 
 @takes_options(
-    moves=Option(
-        "MOVE",
-        "With --live: where to move the camera, such as --move 30cm --move 60cm; else 20 cm, then 40 cm.",
-        flags="--move",
-    ),
     step_error=Option(
         "PERCENT",
         "How far all moves may be wrong together, one standard deviation: 2 for the wheels of a robot.",
@@ -97,10 +81,14 @@ _Pictures = Annotated[
 def size(
     *,
     target: GivenTarget,
-    pictures: _Pictures = None,
+    pictures: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="PATH[@MOVE]",
+            help="Pictures, and how far the camera has moved since the first one: start.jpg near.jpg@20cm.",
+        ),
+    ],
     camera: Path,
-    live: LiveOption = None,
-    moves: list[str] | None = None,
     step_error: float = 2.0,
     turn_error: float = 2.0,
     as_json: bool = False,
@@ -117,35 +105,23 @@ def size(
     Prints the size with its standard deviation, and the lines for the target's table in a configuration.
     With --json, the last line is one object: each side in metres, such as diameter_m, tolerance_m, and the shares.
 
-    With --live the program takes the pictures itself, and says when to move the camera.
-
     **Examples**
 
     - `stadimeter calibrate size a.jpg b.jpg@20cm c.jpg@40cm --camera camera.toml --ball unknown`
 
     - `stadimeter calibrate size a.jpg b.jpg@1ft c.jpg@2ft --camera camera.toml --sheet 3in,2in`
 
-    - `stadimeter calibrate size --live opencv,device=0 --camera camera.toml --tag unknown --family 36h11`
-
     **Exit code**: 0 the size was learnt from all pictures; 1 the thing was not found in some, which were left out, or
     nothing was learnt; 2 an option, a file or a picture is wrong, the moves do not tell the size, or the thing moved.
     """
     with plain_errors():
-        check_one_source(pictures, live, "pictures with the camera's moves")
-        if moves and not live:
-            raise ConfigError("--move says where to move the camera before pictures are taken; give --live with it")
         wanted = targets_from_options(_with_assumed_size(target))
-        errors = StepErrors(
-            scale_share=step_error / 100,
-            turn_rad=math.radians(turn_error),
-        )
+        errors = StepErrors(scale_share=step_error / 100, turn_rad=math.radians(turn_error))
         camera_model = load_camera_model(camera)
         session = SizeSession(wanted.choices[0], camera_model)
-        views, all_found = (
-            (_from_camera(live, moves or USUAL_MOVES, session), True) if live else _from_files(pictures or [], session)
-        )
+        views, all_found = _step_views(pictures, session)
         learnt = learn_size(views, camera_model, errors)
-        written = " ".join(text.rpartition("@")[2] for text in moves or (pictures or [])[1:])
+        written = " ".join(text.rpartition("@")[2] for text in pictures[1:])
         unit = INCH if re.search(r"\d\s*(in|ft|\"|')", written) else CENTIMETRE
         figures = {f"{key}_m": each_m for key, each_m in session.sizes_m(learnt).items()} | asdict(learnt)
         del figures["factor"]
@@ -164,52 +140,23 @@ def _with_assumed_size(given: GivenTarget) -> GivenTarget:
     return {**given, **{flag: ASSUMED for flag, word in words.items() if word in UNKNOWN_SIZE}}
 
 
-def _from_files(pictures: Sequence[str], session: SizeSession) -> tuple[list[StepView], bool]:
+def _step_views(pictures: Sequence[str], session: SizeSession) -> tuple[list[StepView], bool]:
     """Return the views of the target in picture files, and whether it was found in all of them."""
     moved = "how far the camera has moved since the first picture"
     taken = split_pictures(pictures, parse_move, moved, "20cm", (0.0, 0.0, 0.0))
     views = []
     for path, moved_m in taken:
-        looked = session.look_in_file(path, moved_m)
+        looked = session.look(str(path), open_picture(path), moved_m)
         if looked.view is None:
             typer.echo(f"left out: {path}: {looked.detection.reason}", err=True)
         else:
             views.append(looked.view)
     if len(views) < 2 <= len(taken):
-        _nothing_learnt(
-            f"the thing was found in {len(views)} of {len(taken)} pictures, and two are needed; "
-            "`stadimeter measure --explain` with the same target says why not in the others"
+        give_up(
+            f"the thing was found in {len(views)} of {len(taken)} pictures, and two are needed; `stadimeter measure "
+            "--explain` with the same target says why not in the others; so nothing was learnt"
         )
     return views, len(views) == len(taken)
-
-
-def _from_camera(live: str, moves: Sequence[str], session: SizeSession) -> list[StepView]:
-    """Ask for the camera at each place, and return how the target is seen from there."""
-    for text in moves:
-        parse_move(text, "--move")
-    views: list[StepView] = []
-    with live_camera(live) as source:
-        typer.echo("Keep the thing where it is, in the middle of the picture, and the camera looking the same way.")
-        for asked in ("", *moves):
-
-            def take(answer: str, asked: str = asked) -> StepView:
-                place = (answer or asked) if asked else "0 cm"
-                return session.take(source, f"at {place}", parse_move(place, "the move"))
-
-            views.append(ask_until(partial(_ask_to_move, asked), _nothing_learnt, take))
-    return views
-
-
-def _ask_to_move(asked: str) -> str:
-    if not asked:
-        typer.echo("Put the camera where it shall begin.")
-        return "Press Enter when it is there: "
-    typer.echo(f"Now move it to {asked} from where it began, straight towards the thing.")
-    return "Press Enter when it is there, or type how far from the beginning it is: "
-
-
-def _nothing_learnt(why: str) -> NoReturn:
-    give_up(f"{why}, so nothing was learnt")
 
 
 def _size_lines(learnt: LearntSize, session: SizeSession, given: GivenTarget, unit: LengthUnit) -> Iterator[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -31,7 +30,7 @@ from stadimeter.ranging.calibration import (
 from stadimeter.ranging.measure import SeenTarget, measure
 from stadimeter.ranging.size_from_motion import LearntSize, StepView, Vector, view_of
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source
-from stadimeter.workbench.measuring import open_picture, remedies_for
+from stadimeter.workbench.measuring import remedies_for
 from stadimeter.workbench.picture_metadata import picture_remarks
 
 # A camera model from pictures of a target at known distances: from files, or from a camera a moment ago ---------------
@@ -469,28 +468,6 @@ class SizeSession:
                 )
             self._number = found.number
         return Looked(picture=picture, detection=found, view=view)
-
-    def look_in_file(self, path: Path, moved_m: Vector) -> Looked:
-        """Look for it in a picture file; raises `PictureError` for what is none."""
-        return self.look(str(path), open_picture(path), moved_m)
-
-    def take(self, source: Source, name: str, moved_m: Vector) -> StepView:
-        """Take frames of an open camera, and return how it is seen in the one of median size.
-
-        Raises:
-            CalibrationError: It was not found in most of the frames, or something moved.
-        """
-        frames = fresh_frames(source, FRAMES)
-        looked = [self.look(name, frame, moved_m) for frame in frames]
-        found = [(apparent_px(each.detection), each.detection, each.view) for each in looked if each.view is not None]
-        if len(found) < max(1.0, FOUND_SHARE_MIN * len(frames)):
-            missed = next(each for each in looked if each.view is None)
-            why = "; ".join((missed.detection.reason, *picture_remarks(frames[0].image)))
-            raise CalibrationError(f"{name} it was found in {len(found)} of {len(frames)} frames: {why}")
-        found.sort(key=lambda each: each[0])
-        _, detection, view = found[len(found) // 2]
-        steady_size(name, detection, [each[0] for each in found])
-        return view
 
     def sizes_m(self, learnt: LearntSize) -> dict[str, float]:
         """Return the learnt sizes by the keys of the target's table, and how well they are known as ``tolerance``."""
