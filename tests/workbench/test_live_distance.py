@@ -77,17 +77,6 @@ def test_a_ball_is_measured_to_its_near_side_and_gives_the_focal_length(device: 
     assert not device.isOpened(), "the camera is left closed"
 
 
-@pytest.mark.parametrize(("first_m", "times"), [(1.0, 3.0), (2.5, 2.0), (3.5, 1.5), (5.5, 1.5)])
-def test_a_second_distance_is_advised_at_which_the_target_is_still_large_enough(
-    device: V4l2Double, first_m: float, times: float
-) -> None:
-    device.show(ball_at(first_m))
-    with _session(device) as session:
-        assert session.next_distance_m is None
-        session.take(first_m, FRAMES)
-        assert session.next_distance_m == pytest.approx(times * first_m)
-
-
 def test_a_focus_that_moved_is_a_contradiction_and_gives_no_camera_model(device: V4l2Double) -> None:
     with _session(device) as session:
         session.take(1.0, FRAMES)

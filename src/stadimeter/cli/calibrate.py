@@ -18,7 +18,7 @@ from msgspec.structs import asdict
 from stadimeter.app.detectors import build_detectors
 from stadimeter.cli.calibrate_board import board, stereo
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, say_note
-from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit, format_distance
+from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, LengthUnit, format_distance
 from stadimeter.cli.target_options import (
     GivenTarget,
     LiveOption,
@@ -280,7 +280,7 @@ FAR_OFF_AXIS_RAD = math.radians(10)
 @takes_options(
     at=Option(
         "DISTANCE",
-        "With --live: where to put the target, such as --at 1m --at 3m; else 1 m, then up to thrice that.",
+        "With --live: where to put the target, such as --at 1m --at 3m; else 1 m, then 3 m.",
     )
 )
 def distance(
@@ -410,8 +410,7 @@ def _live_distances(live: str, at: Sequence[str], wanted: WantedTargets, distanc
             )
             typer.echo(f"Measure with a tape, from the lens to {session.measured_to}.")
             typer.echo("Keep it in the middle of the picture, and the camera still.")
-            for number in range(max(2, len(at))):
-                asked = at[number] if at else _advise_distance(session, wanted.unit)
+            for asked in at or (("3 ft", "9 ft") if wanted.unit in {FOOT, INCH} else ("1 m", "3 m")):
                 take = partial(_take, session, asked)
                 _say(ask_until(partial(_ask_for, session, asked), _nothing_written, take), wanted.unit)
             if session.to_centre_m:
@@ -431,13 +430,6 @@ def _prove(session: LiveDistance) -> Calibration:
 
 def _nothing_written(why: str) -> NoReturn:
     give_up(f"{why}, so nothing was written")
-
-
-def _advise_distance(session: LiveDistance, unit: LengthUnit) -> str:
-    """Return a first distance that suits most rooms, or the one that proves it best."""
-    shown, first = (FOOT, 3.0) if unit in {FOOT, INCH} else (METRE, 1.0)
-    following_m = session.next_distance_m
-    return f"{first if following_m is None else following_m / shown.size_m:.3g} {shown.symbol}"
 
 
 def _ask_for(session: LiveDistance, asked: str) -> str:

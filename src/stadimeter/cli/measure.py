@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,6 +21,7 @@ from stadimeter.cli.target_options import (
     Option,
     WantedTargets,
     camera_choice,
+    check_one_source,
     takes_options,
     targets_from_options,
 )
@@ -298,9 +298,12 @@ def measure(
             raise typer.Exit(print_places(images or [], config, as_json=as_json))
         others = {"--camera": camera, "--live": live, "--between": between}
         rig = None if stereo is None else load_rig(stereo, images or [], others)
-        names, wanted, camera_model = _check_options(
-            target, config, rig.left if rig else camera, between, is_one_source=bool(images) != bool(live)
-        )
+        check_one_source(images, live, "pictures or videos")
+        names = _pair_from_option(between, target)
+        wanted = _targets_from_options(target, config, names)
+        if names is None and config is None and len(wanted.choices) == 2:  # of two --target
+            names = wanted.choices[0].name, wanted.choices[1].name
+        camera_model = _lens(camera, wanted) if rig is None else rig.left
         name = (live or "").partition(",")[0]  # the configuration or the driver: its options would fill each line
         work = _Work(
             measuring=Measuring(
@@ -320,40 +323,6 @@ def measure(
         )
         code = work.frames(camera_choice(live), name) if live else work.files(images or [], rig, copies)
     raise typer.Exit(code)
-
-
-def _check_options(
-    given: GivenTarget,
-    config: Path | None,
-    camera: Path | CameraModel | None,
-    between: str | None,
-    *,
-    is_one_source: bool,
-) -> tuple[tuple[str, str] | None, WantedTargets, CameraModel]:
-    """Return the two targets of ``--between``, what to look for, and the lens; all that is wrong or missing at once."""
-    problems: list[Problem] = []
-    names = wanted = camera_model = None
-    with _collect(problems):
-        if not is_one_source:
-            raise ConfigError("give pictures or videos, or --live for a camera, one of the two")
-    with _collect(problems):
-        names = _pair_from_option(between, given)
-        wanted = _targets_from_options(given, config, names)
-        if names is None and config is None and len(wanted.choices) == 2:  # of two --target
-            names = wanted.choices[0].name, wanted.choices[1].name
-    with _collect(problems):
-        camera_model = _camera_model(camera, wanted, is_configured=config is not None)
-    if wanted is None or camera_model is None or problems:
-        raise ConfigError(problems)
-    return names, wanted, camera_model
-
-
-@contextmanager
-def _collect(problems: list[Problem]) -> Iterator[None]:
-    try:
-        yield
-    except ConfigError as error:
-        problems += error.problems
 
 
 def _video(path: Path) -> DriverChoice:
@@ -395,21 +364,15 @@ def _targets_from_options(given: GivenTarget, config: Path | None, names: tuple[
     return wanted
 
 
-def _camera_model(
-    file: Path | CameraModel | None, wanted: WantedTargets | None, *, is_configured: bool
-) -> CameraModel | None:
-    """Return the lens; None where a configuration that cannot be read may have one."""
-    if isinstance(file, CameraModel):
-        return file
+def _lens(file: Path | None, wanted: WantedTargets) -> CameraModel:
+    """Return the lens of a camera file, or that of the configuration."""
     if file is not None:
         model = load_camera_model(file)
         if words := model.off_centre_words:
             say_note(words)
         return model
-    if wanted is not None and wanted.camera_model is not None:
+    if wanted.camera_model is not None:
         return wanted.camera_model
-    if wanted is None and is_configured:
-        return None
     hint = "make one with `stadimeter calibrate distance PICTURE@DISTANCE -o FILE`"
     raise ConfigError(
         [Problem("the camera file is missing; without it pixels say nothing about metres", key="--camera", hint=hint)]

@@ -277,30 +277,10 @@ def _mark(result: TargetResult, unit: LengthUnit) -> Mark:
     detection = result.detection or Detection(target=measured.target, status=DetectionStatus.NOT_FOUND)
     name = result.label if len(result.label) <= MAX_NAME else f"{result.label[: MAX_NAME - 2]}.."
     if measured.status in (MeasurementStatus.MEASURED, MeasurementStatus.PERHAPS):
-        words = format_distance(measured.distance_m, measured.sigma_m, unit)
-        lines = _legend(result, detection, unit)
+        words, lines = format_distance(measured.distance_m, measured.sigma_m, unit), tuple[str, ...]()
         if measured.status is MeasurementStatus.PERHAPS:
-            words, lines = f"perhaps {words}", (*lines, *textwrap.wrap(f"perhaps: {measured.reason}", WRAPPED_AT))
+            words, lines = f"perhaps {words}", (*textwrap.wrap(f"perhaps: {measured.reason}", WRAPPED_AT),)
     else:
         words = _WORDS[measured.status]
         lines = (f"{result.label}: {words}", *textwrap.wrap(measured.reason, WRAPPED_AT))
     return Mark(detection=detection, has_corners=result.has_corners, headline=f"{name}: {words}", lines=lines)
-
-
-def _legend(result: TargetResult, detection: Detection, unit: LengthUnit) -> tuple[str, ...]:
-    measured = result.measurement
-    distance = format_distance(measured.distance_m, measured.sigma_m, unit)
-    in_metres = "" if unit is METRE else f"  =  {format_distance(measured.distance_m, measured.sigma_m, METRE)}"
-    depth = format_distance(measured.depth_m, measured.sigma_m, unit)
-    direction = f"{_angle(measured.bearing_rad, 'right', 'left')}, {_angle(measured.elevation_rad, 'up', 'down')}"
-    tilt = "" if measured.tilt_rad is None else f", {format_tilt(measured.tilt_rad).replace('°', ' deg')}"
-    return (
-        f"{result.label}: {distance}{in_metres}",
-        f"depth {depth}, {direction}{tilt}",
-        f"{detection.width_px:.1f} x {detection.height_px:.1f} px ± {detection.size_sigma_px:.2f}",
-    )
-
-
-def _angle(angle_rad: float | None, positive: str, negative: str) -> str:
-    degrees = math.degrees(angle_rad or 0.0)
-    return f"{abs(degrees):.1f} deg {positive if degrees >= 0 else negative}"

@@ -31,6 +31,8 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 MIN_FONT = 0.05
 
 _PLAIN = {"°": " deg", "×": "x", "…": "..", "–": "-", "—": "-", "−": "-", "→": "->", "ß": "ss"}
+if cv2.__version__ < "5":  # whose fonts have ASCII alone
+    _PLAIN["±"] = "+-"
 
 
 class Panel:
@@ -68,37 +70,19 @@ class Panel:
         behind[:, : max(2, self._pad // 3)] = self._colour
         for index, line in enumerate(self._lines):
             baseline = top + self._pad + round(20 * self._font) + index * self._line_height
-            _write(self._canvas, line, (left + 2 * self._pad, baseline), self._font, self._thickness)
-
-
-def _write(canvas: Image, text: str, origin: tuple[int, int], font: float, thickness: int) -> None:
-    """Write a text. The fonts of older OpenCV have no ``±``: it is written as a plus with a bar below."""
-    x, y = origin
-    for index, part in enumerate(text.split("±")):
-        if index:
-            plus = _text_width("+", font, thickness)
-            cv2.putText(canvas, "+", (x, y - round(3 * font)), FONT, font, WHITE, thickness, cv2.LINE_AA)
-            bar = (x + round(0.15 * plus), x + round(0.85 * plus))
-            cv2.line(
-                canvas, (bar[0], y + round(3 * font)), (bar[1], y + round(3 * font)), WHITE, thickness, cv2.LINE_AA
-            )
-            x += plus
-        cv2.putText(canvas, part, (x, y), FONT, font, WHITE, thickness, cv2.LINE_AA)
-        x += _text_width(part, font, thickness)
+            origin = (left + 2 * self._pad, baseline)
+            cv2.putText(self._canvas, line, origin, FONT, self._font, WHITE, self._thickness, cv2.LINE_AA)
 
 
 def _drawable(text: str) -> str:
-    """Return a text with the characters that OpenCV's fonts have: ASCII and ``±``, and a question mark for others."""
+    """Return a text with the characters that OpenCV's fonts have, and a question mark for others."""
     plain = "".join(_PLAIN.get(each, each) for each in text)
     without_accents = (each for each in unicodedata.normalize("NFKD", plain) if not unicodedata.combining(each))
     return "".join(each if each == "±" or " " <= each <= "~" else "?" for each in without_accents)
 
 
 def _text_width(text: str, font: float, thickness: int) -> int:
-    parts = text.split("±")
-    widths = [cv2.getTextSize(part, FONT, font, thickness)[0][0] for part in parts if part]
-    plus = cv2.getTextSize("+", FONT, font, thickness)[0][0]
-    return int(sum(widths) + plus * (len(parts) - 1))
+    return int(cv2.getTextSize(text, FONT, font, thickness)[0][0])
 
 
 class Box(NamedTuple):
@@ -342,9 +326,11 @@ def place_words(
     corner = Box(0, height, 0, height)
     named = [each for each in reversed(marks) if each not in unnamed]
     for mark in (*reversed(unnamed), *(named if len(marks) <= 2 else [])):
-        panel = Panel(mark.lines or ("",), _COLOURS[mark.detection.status], LEGEND_SIZE, scale, canvas)
+        if not mark.lines and mark not in unnamed:
+            continue
+        panel = Panel(mark.lines or (mark.headline,), _COLOURS[mark.detection.status], LEGEND_SIZE, scale, canvas)
         covered = panels if mark in unnamed else [*taken, *panels]
-        if mark.lines and (box := free_place(panel, corner, covered, 0.0, margin)):
+        if box := free_place(panel, corner, covered, 0.0, margin):
             panels.append(box)
             yield None, panel, box
     for number, candidate in (each for mark in marks for each in mark.rejected):

@@ -204,12 +204,6 @@ SPREAD_SIGMAS_MAX = 4.0
 # A second distance proves the first only if it is this many times as far, or as near.
 APART_MIN = 1.5
 
-# Ratios of the second to the first distance, best first; the target must still appear large enough at it.
-TIMES_AS_FAR = (3.0, 2.0, APART_MIN)
-
-# The size of a target below which its edges say little about a distance of 1 %.
-LARGE_ENOUGH_PX = 20.0
-
 
 class Take(Struct, frozen=True, eq=False, kw_only=True):
     """The result of several frames at one distance.
@@ -282,15 +276,6 @@ class LiveDistance:
         """True if there are two distances far enough apart for one to prove the other."""
         distances_m = [take.distance_m for take in self.takes]
         return len(distances_m) > 1 and max(distances_m) >= APART_MIN * min(distances_m)
-
-    @property
-    def next_distance_m(self) -> float | None:
-        """The distance that proves the first one best; None before that."""
-        if not self.takes:
-            return None
-        first = self.takes[0]
-        shrinks = (times for times in TIMES_AS_FAR if first.size_px / times >= LARGE_ENOUGH_PX)
-        return next(shrinks, APART_MIN) * first.distance_m
 
     def take(self, distance_m: float, frames: int = FRAMES, name: str = "") -> Take:
         """Take frames of the target where it is now. A take of the same name, or else distance, is replaced.
