@@ -37,13 +37,13 @@ def unknown_size_picture(path: Path) -> LearntSize:
         ball = BallTarget(position_m=(0.05, 0.02, START_M - way_m), diameter_m=DIAMETER_M)
         scene = Scene(camera=draw.CAMERA, target=ball, seed=number, backdrop=PlainBackdrop(bgr=(90, 84, 80)))
         image = render(scene).image
-        looked = session.look(f"{100 * way_m:.0f} cm", Frame(image, 0.0, number), (0.0, 0.0, way_m))
-        if looked.view is None:
-            raise RuntimeError(f"the ball was not found: {looked.detection.reason}")
-        panel = Panel(image, looked.detection.centre_px)
-        panel.loop(looked.detection.outline_px, RED)
-        views.append(looked.view)
-        panels.append(_named(panel.pixels, f"{looked.detection.width_px:.1f} px"))
+        found, view = session.look(f"{100 * way_m:.0f} cm", Frame(image, 0.0, number), (0.0, 0.0, way_m))
+        if view is None:
+            raise RuntimeError(f"the ball was not found: {found.reason}")
+        panel = Panel(image, found.centre_px)
+        panel.loop(found.outline_px, RED)
+        views.append(view)
+        panels.append(_named(panel.pixels, f"{found.width_px:.1f} px"))
     learnt = learn_size(views, draw.CAMERA, StepErrors())
     gap = np.full((SIDE_PX, 8, 3), 255, np.uint8)
     row = [each for panel in (*panels, _plot(views, learnt)) for each in (panel, gap)][:-1]

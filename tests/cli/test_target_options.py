@@ -16,12 +16,12 @@ HSV = "29,86,6:64,255,255"
 
 
 def _wanted(config: Path | None = None, **given: object):
-    flags = {"tag_id": "--id", "known_side": "--known-side", "min_side": "--min-side"}
+    flags = {"tag_id": "--id", "min_side": "--min-side"}
     return targets_from_options({flags.get(name, f"--{name}"): value for name, value in given.items()}, config)
 
 
 def test_a_sheet_of_letter_paper() -> None:
-    (choice,) = _wanted(sheet="11in,8.5in", known_side="height").choices
+    (choice,) = _wanted(target="sheet width=11in height=8.5in known_side=height").choices
     assert (choice.name, choice.driver) == ("sheet", "sheet")
     assert choice.options.width == pytest.approx(0.2794)
     assert choice.options.height == pytest.approx(0.2159)
@@ -85,7 +85,6 @@ def test_what_is_wrong_is_said_in_one_line() -> None:
         ({"sheet": "11, 8.5"}, "--sheet: '11' has no unit"),
         ({"sheet": "11in,0in"}, "--sheet: '0in' is not a length above zero"),
         ({"sheet": "nanin,8in"}, "--sheet: 'nanin' is not a number with a unit"),
-        ({"sheet": "11in,8in", "known_side": "depth"}, "--known-side: 'depth' is not one of: auto, width, height"),
         ({"ball": "6cm", "hsv": "1,2,3"}, "--hsv: '1,2,3' has 1 limits, not 2"),
     ]:
         with pytest.raises(ConfigError, match=re.escape(said)) as caught:

@@ -146,11 +146,11 @@ def _step_views(pictures: Sequence[str], session: SizeSession) -> tuple[list[Ste
     taken = split_pictures(pictures, parse_move, moved, "20cm", (0.0, 0.0, 0.0))
     views = []
     for path, moved_m in taken:
-        looked = session.look(str(path), open_picture(path), moved_m)
-        if looked.view is None:
-            typer.echo(f"left out: {path}: {looked.detection.reason}", err=True)
+        found, view = session.look(str(path), open_picture(path), moved_m)
+        if view is None:
+            typer.echo(f"left out: {path}: {found.reason}", err=True)
         else:
-            views.append(looked.view)
+            views.append(view)
     if len(views) < 2 <= len(taken):
         give_up(
             f"the thing was found in {len(views)} of {len(taken)} pictures, and two are needed; `stadimeter measure "
@@ -322,8 +322,8 @@ def distance(
     - `stadimeter calibrate distance --live opencv,device=0 --ball 6.4cm --hsv "29,86,6:64,255,255" -o camera.toml`
 
     **Exit code**: 0 the camera file was written from all pictures; 1 some were left out, since the target was not
-    found in them or they contradict the others, or all, and then nothing was written; 2 an option, a file or a picture
-    is wrong, or distances contradict each other and the others do not tell which is wrong, and nothing was written.
+    found in them, or all, and then nothing was written; 2 an option, a file or a picture is wrong, or distances
+    contradict each other, and nothing was written.
     """
     with plain_errors():
         check_one_source(pictures, live, "pictures at known distances")
@@ -362,14 +362,12 @@ def _from_pictures(
         remedy = remedy_words(each, open_picture(Path(each.picture)), wanted.choices[0])
         reason = f"through the camera file it is not found: {each.detection.reason}{remedy}"
         typer.echo(f"left out: {each.picture}: {reason}", err=True)
-    for words in fit.outlier_words:
-        typer.echo(words, err=True)
     for each in fit.elsewhere:
         there = f"{each.detection.centre_px[0]:.0f}, {each.detection.centre_px[1]:.0f} px"
         say_note(f"{each.picture}: the target is taken to be at {there}; check it with `stadimeter measure --annotate`")
     if fit.calibration is None:
         _nothing_written("no picture can be used")
-    return fit.calibration, len(usable) == len(pictures) and not (fit.left_out or fit.outliers)
+    return fit.calibration, len(usable) == len(pictures) and not fit.left_out
 
 
 def _look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: CameraModel | None) -> list[KnownDistance]:

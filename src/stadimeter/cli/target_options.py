@@ -73,11 +73,6 @@ _OPTIONS = {
     "--sheet": Option(
         "WIDTH,HEIGHT|NAME", "Look for a sheet of this size, such as 11in,8.5in, A4, letter or 'business card'."
     ),
-    "--known-side": Option(
-        "auto|width|height",
-        "Which side of the sheet to measure by: auto, the default, takes the one that is turned away the least.",
-        "known_side",
-    ),
     "--ball": Option("DIAMETER", "Look for a ball of this size, such as 6.4cm or 'tennis ball'."),
     "--hsv": Option(
         "H,S,V:H,S,V",

@@ -422,41 +422,33 @@ class Disagreement(Struct, frozen=True, kw_only=True):
         return f"{apart}{causes} They would agree if both distances were {abs(self.offset_m) * 100:.1f} cm {longer}."
 
 
-def split_outliers(
-    known: Sequence[KnownDistance], *, distance_relative_sigma: float
-) -> tuple[tuple[KnownDistance, ...], tuple[KnownDistance, ...]]:
-    """Return the pictures that agree with each other, and the outliers: those that contradict most of the others.
+def check_agreement(known: Sequence[KnownDistance], *, distance_relative_sigma: float) -> None:
+    """Check that pictures of one resolution, in which the target was found whole, agree with each other.
 
     Args:
-        known: Pictures of one resolution in which the target was found whole.
         distance_relative_sigma: Standard deviation of the known distances, as a share of each.
 
     Raises:
-        CalibrationError: Outliers are half of the pictures or more, or two pictures contradict each other and the
-            others do not tell which of them is wrong.
+        CalibrationError: They do not. It names the two that contradict each other most, and the fewer than half, if
+            there are such, that contradict the most others.
     """
-    by_depth = sorted(range(len(known)), key=lambda at: known[at].depth_m)
+    by_depth = sorted(known, key=lambda each: each.depth_m)
     # Any focal length will do to begin with: `focal_estimate` finds by bisection the one that measures the known depth.
     plain = CameraModel.with_focal_length(float(known[0].width_px), known[0].width_px, known[0].height_px)
-    estimates = [focal_estimate(each, plain, distance_relative_sigma) for each in known]
-    pairs = list(itertools.combinations(by_depth, 2))
+    estimates = [(each, focal_estimate(each, plain, distance_relative_sigma)) for each in by_depth]
+    pairs = list(itertools.combinations(estimates, 2))
     # The more pairs are compared, the farther apart two may be by chance: 3.0 standard deviations for one pair, 3.8
     # for fifteen (Bonferroni's correction).
     allowed_sigmas = NormalDist().inv_cdf(1 - _BY_CHANCE / 2 / max(len(pairs), 1))
-    at_odds: dict[tuple[int, int], Disagreement] = {}
-    for near, far in pairs:
-        found = _compare((known[near], estimates[near]), (known[far], estimates[far]), allowed_sigmas)
-        if abs(found.share) > found.allowed_share:
-            at_odds[near, far] = found
-    kept = list(range(len(known)))
-    while at_odds:
-        times = Counter(itertools.chain.from_iterable(at_odds))
-        worst, contradicted = max(times.items(), key=lambda each: each[1])
-        kept.remove(worst)
-        if 2 * contradicted <= len(kept) or 2 * len(kept) <= len(known):
-            raise CalibrationError(str(max(at_odds.values(), key=lambda each: abs(each.share) / each.allowed_share)))
-        at_odds = {pair: found for pair, found in at_odds.items() if worst not in pair}
-    return tuple(known[at] for at in kept), tuple(each for at, each in enumerate(known) if at not in kept)
+    compared = [_compare(near, far, allowed_sigmas) for near, far in pairs]
+    at_odds = [each for each in compared if abs(each.share) > each.allowed_share]
+    if not at_odds:
+        return
+    worst = max(at_odds, key=lambda each: abs(each.share) / each.allowed_share)
+    times = Counter(side.picture for each in at_odds for side in (each.nearer, each.farther))
+    suspects = [name for name, count in times.items() if count == max(times.values())]
+    words = f" Most at odds with the others: {', '.join(suspects)}." if 2 * len(suspects) < len(known) else ""
+    raise CalibrationError(f"{worst}{words}")
 
 
 def _compare(

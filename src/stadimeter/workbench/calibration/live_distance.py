@@ -22,9 +22,9 @@ from stadimeter.ranging.calibration import (
     Calibration,
     KnownDistance,
     calibrate,
+    check_agreement,
     measured_depth_m,
     rough_model,
-    split_outliers,
     with_readings,
 )
 from stadimeter.ranging.measure import SeenTarget, measure
@@ -46,27 +46,13 @@ class DistanceFit(Struct, frozen=True, kw_only=True):
         calibration: None if no picture can be used.
         usable: The pictures that it comes from, as they look through a rough camera model.
         left_out: Those in which the target is not found through that model, or the finished one.
-        outliers: Those that contradict most of the others, and are left out for that.
         elsewhere: Those in which another thing is taken for the target than at first.
     """
 
     calibration: Calibration | None
     usable: tuple[KnownDistance, ...]
     left_out: tuple[KnownDistance, ...]
-    outliers: tuple[KnownDistance, ...]
     elsewhere: tuple[KnownDistance, ...]
-
-    @property
-    def outlier_words(self) -> tuple[str, ...]:
-        """A sentence on each outlier, with what the others make of it."""
-        if self.calibration is None:
-            return ()
-        model = self.calibration.camera_model
-        return tuple(
-            f"{each.picture} contradicts the others and is left out: by them its distance is another by "
-            f"{measured_depth_m(each, model) / each.depth_m - 1:+.1%}; check it, and that what was found is the target"
-            for each in self.outliers
-        )
 
 
 def look_at_distance(
@@ -105,8 +91,6 @@ def fit_distances(
     of `measure`; what the finished file reads is found by a third. No picture counts that is refused through the
     finished file, so what calibrates is measured.
 
-    Pictures that contradict most of the others are left out, and count no more than those not found.
-
     Raises:
         CalibrationError: The pictures differ in resolution, or in how the camera was set, contradict each other, or do
             not tell the focal length.
@@ -120,19 +104,17 @@ def fit_distances(
     pairs = zip(known, looked, strict=True)
     elsewhere = tuple(again for before, again in pairs if again in usable and _is_elsewhere(before, again))
     finished: Calibration | None = None
-    outliers: tuple[KnownDistance, ...] = ()
     while usable and finished is None:
         if len(usable) > 1:  # one picture cannot tell the edge bias
             usable = _with_bias_undone(usable, frame_of, choices, rough)
-        usable, contradicting = split_outliers(usable, distance_relative_sigma=distance_relative_sigma)
-        outliers += contradicting
+        check_agreement(usable, distance_relative_sigma=distance_relative_sigma)
         made = calibrate(usable, date=date, distance_relative_sigma=distance_relative_sigma)
         made = replace(made, camera_model=replace(made.camera_model, optics=optics))
         again = _look_again(usable, frame_of, choices, made.camera_model)
         usable, lost = _split_by_found(usable, again)
         left_out += lost
         finished = None if lost else with_readings(made, again)
-    return DistanceFit(calibration=finished, usable=usable, left_out=left_out, outliers=outliers, elsewhere=elsewhere)
+    return DistanceFit(calibration=finished, usable=usable, left_out=left_out, elsewhere=elsewhere)
 
 
 def _split_by_found(
@@ -332,8 +314,6 @@ class LiveDistance:
         for each in (*fit.left_out, *fit.elsewhere):
             why = each.detection.reason or "another thing is taken for it"
             raise CalibrationError(f"{each.picture} the target is not found again through the camera model: {why}")
-        if fit.outliers:
-            raise CalibrationError("; ".join(fit.outlier_words))
         if fit.calibration is None:
             raise CalibrationError("there is no distance yet; take one")
         return fit.calibration
@@ -415,14 +395,6 @@ def parse_move(text: str, what: str) -> Vector:
     return x_m, y_m, z_m
 
 
-class Looked(Struct, frozen=True, kw_only=True):
-    """A picture in which a target of an assumed size was looked for; without a view it was not found whole."""
-
-    picture: str
-    detection: Detection
-    view: StepView | None
-
-
 class SizeSession:
     """Looks for one target of an assumed size in pictures after steps of the camera."""
 
@@ -435,8 +407,8 @@ class SizeSession:
         (self._target,) = build_detectors([choice], camera_model)
         self._number: int | None = None
 
-    def look(self, picture: str, frame: Frame, moved_m: Vector) -> Looked:
-        """Look for it in a frame.
+    def look(self, picture: str, frame: Frame, moved_m: Vector) -> tuple[Detection, StepView | None]:
+        """Look for it in a frame; without a view it was not found whole.
 
         Raises:
             CalibrationError: The frame has another aspect than the camera model, or shows another one of its kind.
@@ -452,7 +424,7 @@ class SizeSession:
                     f"with --id {self._number}"
                 )
             self._number = found.number
-        return Looked(picture=picture, detection=found, view=view)
+        return found, view
 
     def sizes_m(self, learnt: LearntSize) -> dict[str, float]:
         """Return the learnt sizes by the keys of the target's table, and how well they are known as ``tolerance``."""

@@ -267,7 +267,7 @@ def fit_lens(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Camer
         raise CalibrationError("no picture can be used")
     reads = [f"{Path(each.picture).name} reads {each.residual_share:+.1%}" for each in fit.calibration.pictures]
     several = ("With this, " + ", ".join(reads) + ".",) if len(reads) > 1 else ()
-    return fit.calibration.camera_model, (*fit.outlier_words, *several)
+    return fit.calibration.camera_model, several
 
 
 def _relative_sigma(pictures: Sequence[PictureAt]) -> float:
