@@ -35,7 +35,6 @@ password_file = "secrets/page"
 allowed_hosts = ["a.example", "b.example"]
 others = ["http://garage.local:8080/", "https://[2001:db8::7]"]
 others_tokens = "secrets/tokens"
-find_others = true
 """
 
 
@@ -69,7 +68,6 @@ def test_the_page_is_where_the_table_says_with_files_beside_the_configuration(gi
         "port": 8443,
         "allowed_hosts": ["a.example", "b.example"],
         "others": ["http://garage.local:8080", "https://[2001:db8::7]"],
-        "find_others": True,
     }
 
 

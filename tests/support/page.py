@@ -14,7 +14,7 @@ from typing import Any
 
 from msgspec import Struct, field
 
-from stadimeter.web import passwords
+from stadimeter.web import access, passwords
 from stadimeter.web.page import Page, PageOptions
 from stadimeter.web.passwords import PasswordFile
 from stadimeter.web.serving import listen, server_of
@@ -121,8 +121,9 @@ def served_page(
 
 
 def quicken(monkeypatch: Any) -> None:
-    """Let passwords be hashed at once."""
+    """Let passwords be hashed at once, and let no one wait after a wrong one."""
     monkeypatch.setattr(passwords, "SCRYPT", QUICK_SCRYPT)
+    monkeypatch.setattr(access, "AFTER_WRONG_S", 0.0)
 
 
 # What is wrong with a page as a browser draws it: cut off, too faint, without a name, out of reach of the keyboard.

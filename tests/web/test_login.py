@@ -1,15 +1,15 @@
 """Who is let in, and to what: each path of the table, asked by each of those who may ask."""
 
-import asyncio
 import http.client
 import re
+import time
 
 import pytest
 
 from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.web.access import HEADERS, SESSION_S
 from stadimeter.web.links import PageAnswer
-from stadimeter.web.passwords import ENDED_MAX, FREE, EndedSessions, PasswordFile, Session
+from stadimeter.web.passwords import FREE, PasswordFile
 from stadimeter.web.routes import PAGE_OPERATIONS, Right
 from support.page import FORM, OPERATE, READ, quicken, served_page
 
@@ -261,63 +261,6 @@ def test_logging_out_ends_the_session_for_whoever_has_a_copy_of_its_cookie(stran
     assert stranger.get("/api/v1/session", **other).status == 200  # another session goes on
 
 
-def test_a_session_that_was_ended_stays_so_in_another_process_and_after_a_restart(tmp_path, monkeypatch):
-    quicken(monkeypatch)
-    with served_page(tmp_path, OPERATE) as first, served_page(tmp_path) as second:
-        first.log_in(OPERATE)
-        (cookie,) = first.cookies.values()
-        second.cookies[f"stadimeter-{second.port}"] = cookie
-        assert second.get("/api/v1/session").status == 200
-        first.ask("POST", "/logout")
-        assert second.get("/api/v1/session").status == 401
-    with served_page(tmp_path) as again:
-        again.cookies[f"stadimeter-{again.port}"] = cookie
-        assert again.get("/api/v1/session").status == 401
-        assert again.page.access.ended.path.stat().st_mode & 0o077 == 0
-
-
-def test_a_session_ends_also_where_the_disk_takes_nothing_and_that_is_said(operator, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("stadimeter.web.passwords.replace_file", full)
-    ended = copied(operator)
-    answer = operator.ask("POST", "/logout")
-    assert (answer.status, answer.error) == (503, "not-written")
-    assert "max-age=0" in answer.headers["set-cookie"].lower()
-    assert operator.get("/api/v1/session", **ended).status == 401
-
-
-def test_where_it_cannot_be_known_which_sessions_were_ended_none_goes_on(tmp_path, monkeypatch):
-    quicken(monkeypatch)
-    with served_page(tmp_path, OPERATE) as site:
-        site.log_in(OPERATE)
-        for damaged in (b"[", b'{"operate": {"ended": {"\xff": 1}}}'):
-            site.page.access.ended.path.write_bytes(damaged)
-            assert (site.get("/api/v1/session").status, site.get("/api/v1/session").error) == (503, "no-sessions")
-
-
-@pytest.mark.long
-def test_more_ended_sessions_than_are_remembered_end_others_of_their_right_and_revive_none(tmp_path):
-    now_s = 1000
-    ended = EndedSessions(tmp_path / "ended", lambda: now_s)
-
-    async def end_many():
-        for number in range(ENDED_MAX + 10):
-            await ended.add(Session(Right.READ, 2000 + number, str(number)))
-
-    asyncio.run(end_many())
-    again = EndedSessions(tmp_path / "ended", lambda: now_s)
-    assert all(again.has(Session(Right.READ, 2000 + number, str(number))) for number in range(ENDED_MAX + 10))
-    assert again.has(Session(Right.READ, 2009, "older"))
-    assert not again.has(Session(Right.READ, 2010, "newer"))
-    assert not again.has(Session(Right.OPERATE, 2009, "of the other right"))
-    assert (tmp_path / "ended").stat().st_size < 100_000
-    now_s = 5000
-    asyncio.run(EndedSessions(tmp_path / "ended", lambda: now_s).add(Session(Right.READ, 6000, "late")))
-    assert (tmp_path / "ended").stat().st_size < 200  # what has ended by itself is forgotten
-
-
 def from_address(site, address, password):
     """Log in from an address of the loopback; return the status."""
     connection = http.client.HTTPConnection("127.0.0.1", site.port, timeout=120, source_address=(address, 0))
@@ -332,13 +275,17 @@ def from_address(site, address, password):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("is_known", [True, False])
-def test_thirty_wrong_passwords_from_thirty_addresses_do_not_keep_the_right_one_out(stranger, is_known):
-    if is_known:
-        assert from_address(stranger, "127.0.1.1", OPERATE) == 303
+def test_thirty_wrong_passwords_from_thirty_addresses_do_not_keep_the_right_one_out(stranger):
     for number in range(30):
         assert from_address(stranger, f"127.0.0.{number + 2}", "wrong") == 401
     assert from_address(stranger, "127.0.1.1", OPERATE) == 303
+
+
+def test_after_a_wrong_password_the_next_waits_whoever_sends_it(stranger, monkeypatch):
+    monkeypatch.setattr("stadimeter.web.access.AFTER_WRONG_S", 0.5)
+    before_s = time.monotonic()
+    assert [from_address(stranger, f"127.0.0.{number + 2}", "wrong") for number in range(2)] == [401, 401]
+    assert time.monotonic() - before_s > 1
 
 
 def test_without_a_password_this_computer_may_do_all(tmp_path):

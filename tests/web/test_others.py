@@ -17,7 +17,7 @@ import pytest
 
 from stadimeter.errors import PageError
 from stadimeter.testing.rig import eventually
-from stadimeter.web.others import OtherPage, Others, announced, read_tokens
+from stadimeter.web.others import OtherPage, Others, read_tokens
 from stadimeter.web.passwords import PasswordFile
 from support.browser import STILL, Served, served, tab
 from support.page import faults_of
@@ -174,20 +174,6 @@ def test_a_bar_shows_each_camera_and_one_list_has_the_alarms_of_all_each_with_it
             bar.get_by_role("link", name=re.compile("silent.*1 alarm, .* old")).wait_for()
             assert "old" in line.inner_text()
             line.get_by_role("link").wait_for()  # what was known stays, and says its age
-
-
-LISTED = """\
-+;eth0;IPv4;stadimeter on garage;_http._tcp;local
-=;eth0;IPv4;stadimeter\\032on\\032garage;_http._tcp;local;garage.local;192.168.1.7;8080;"product=stadimeter" "path=/"
-=;eth0;IPv6;stadimeter\\032on\\032garage;_http._tcp;local;garage.local;fe80::1;8080;"path=/" "product=stadimeter"
-=;eth0;IPv4;stadimeter\\032on\\032rover;_http._tcp;local;rover.local;192.168.1.8;8080;"product=stadimeter"
-=;eth0;IPv4;Printer;_http._tcp;local;printer.local;192.168.1.9;80;"path=/"
-=;eth0;IPv4;odd;_http._tcp;local;odd"/x.local;192.168.1.9;80;"product=stadimeter"
-"""
-
-
-def test_only_announcements_of_our_kind_and_of_other_computers_are_taken():
-    assert [*dict.fromkeys(announced(LISTED, "rover"))] == ["http://garage.local:8080"]
 
 
 @pytest.mark.parametrize("text", ["http://garage.local:8080\n", "\na b c\n"])

@@ -147,7 +147,6 @@ def page_command(config: Path, options: WebTable, socket: Path | None = None, **
         "port": options.port,
         "allowed_hosts": options.allowed_hosts,
         "others": options.others,
-        "find_others": options.find_others,
         **more,
     }
     return [*python("stadimeter.web"), json.dumps(given)]

@@ -298,8 +298,6 @@ class WebTable(Section):
     """The pages of other cameras, such as ``"http://garage.local:8080"``; their alarms are shown with this one's."""
     others_tokens: FilePath | None = None
     """A file with the tokens of those that have passwords: on each line an address and its token."""
-    find_others: bool = False
-    """Whether to look for pages that announce themselves in the network, too."""
 
     @model_validator(mode="after")
     def _check_certificate(self) -> Self:

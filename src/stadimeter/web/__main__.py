@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stadimeter.app.ending import end_with_input
 from stadimeter.errors import PageError
@@ -25,15 +25,15 @@ def main() -> None:
     """Serve the page with the options of the only argument, as JSON."""
     given = json.loads(sys.argv[1])
     paths = {name: Path(path) if path else None for name, path in given["paths"].items()}
-    certificate, key = paths.pop("certificate"), paths.pop("key")
-    tokens, hosts = paths.pop("others_tokens"), tuple(given["allowed_hosts"])
+    certificate, key, tokens = paths.pop("certificate"), paths.pop("key"), paths.pop("others_tokens")
     try:
-        others = _others(given, tokens) if given["others"] or given["find_others"] else None
-        options = PageOptions(**paths, allowed_hosts=hosts, others=others)  # type: ignore[arg-type]
+        others = _others(given["others"], tokens) if given["others"] else None
+        options = PageOptions(**paths, allowed_hosts=tuple(given["allowed_hosts"]), others=others)  # type: ignore[arg-type]
         check_certificate(certificate, key)
         listener = listen(given["address"], given["port"], options.passwords)
     except PageError as error:
-        sys.exit(_print_error(error))
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
     if given.get("ends_with_input"):
         end_with_input()
     scheme = "https" if certificate else "http"
@@ -41,15 +41,10 @@ def main() -> None:
     serve(options, listener, (certificate, key), lambda: print(f"The page: {scheme}://{address}/", flush=True))
 
 
-def _others(given: Mapping[str, Any], tokens: Path | None) -> Others:
+def _others(urls: Sequence[str], tokens: Path | None) -> Others:
     from stadimeter.web.others import Others, read_tokens  # noqa: PLC0415 - most pages know of no other
 
-    return Others(given["others"], read_tokens(tokens) if tokens else {}, finds=given["find_others"])
-
-
-def _print_error(error: PageError) -> int:
-    print(f"error: {error}", file=sys.stderr)
-    return 2
+    return Others(urls, read_tokens(tokens) if tokens else {})
 
 
 if __name__ == "__main__":

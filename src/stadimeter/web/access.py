@@ -19,14 +19,15 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from stadimeter.errors import PageError
 from stadimeter.web.answers import as_error, as_json
-from stadimeter.web.passwords import Attempts, EndedSessions, PasswordFile, Passwords, Session
+from stadimeter.web.passwords import Attempts, PasswordFile, Passwords
 from stadimeter.web.routes import PAGE_OPERATIONS, TOKENS, PageOperation, Right
 
 # A session lasts this long, on the wall clock.
 SESSION_S = 14 * 24 * 3600
 
-# As many logins may wait for each other: one password is hashed at a time.
-LOGINS_MAX = 4
+# As many logins may wait for each other: one password is hashed at a time. After a wrong one the next waits so long: a
+# network of computers guesses no faster than one.
+LOGINS_MAX, AFTER_WRONG_S = 4, 2.0
 
 # Of every answer, unless it says otherwise.
 HEADERS = {
@@ -62,7 +63,7 @@ class Access:
     ) -> None:
         self.file = file
         self.attempts = Attempts()
-        self.ended = EndedSessions(file.path.with_name(f"{file.path.name}.ended"), wall_clock)
+        self._ended: set[str] = set()  # cookies of sessions that somebody has logged out of
         self._is_local = is_loopback(listens[0])
         self._cookie = f"stadimeter-{listens[1]}"  # two pages of one computer share the cookies of its name
         self._hosts = _own_names() | {each.lower().rstrip(".") for each in allowed_hosts}
@@ -92,8 +93,7 @@ class Access:
         headers = Headers(scope=scope)
         if scope["path"] in TOKENS and _has_token(passwords.token(TOKENS[scope["path"]]), headers):
             return Right.READ
-        session = self._session(passwords, headers)
-        return Right.OPEN if session is None else session.right
+        return self._session(passwords, headers)[0]
 
     def may_read(self, scope: Scope) -> bool:
         """Check whether the reader of a stream may still read: it may have begun before that right ended."""
@@ -121,17 +121,18 @@ class Access:
         passwords = self.file.passwords()
         if passwords is None:
             raise PageError(503, "no-passwords", "no password is set: `stadimeter web --set-password` sets one")
-        if self._logins >= LOGINS_MAX and not self.attempts.knows(address):
+        if self._logins >= LOGINS_MAX:
             raise PageError(429, "too-many-attempts", "others are logging in; try again in a second", {"wait_s": 1})
-        await asyncio.sleep(self.attempts.begin(address))
+        self.attempts.begin(address)
         self._logins += 1
         try:
             async with self._hashing:
                 right = await asyncio.to_thread(passwords.right_of, password)
+                if right is Right.OPEN:
+                    await asyncio.sleep(AFTER_WRONG_S)
+                    raise PageError(401, "wrong-password", "the password is wrong")
         finally:
             self._logins -= 1
-        if right is Right.OPEN:
-            raise PageError(401, "wrong-password", "the password is wrong")
         self.attempts.succeeded(address, forgets=right is Right.OPERATE)
         return passwords, right
 
@@ -140,16 +141,12 @@ class Access:
         told = f"{int(right)}.{int(self._unix_s()) + SESSION_S}.{secrets.token_hex(8)}"
         self._set_cookie(response, f"{told}.{_signature(passwords, told)}", SESSION_S, scope)
 
-    async def end_session(self, scope: Scope) -> Response:
-        """End a session for good, also for copies of its cookie; return the answer, without a cookie."""
+    def end_session(self, scope: Scope) -> Response:
+        """End a session, also for copies of its cookie until the page is started again; return the answer."""
         passwords = self.file.passwords()
-        session = self._session(passwords, Headers(scope=scope)) if passwords is not None else None
+        if passwords is not None:
+            self._ended.add(self._session(passwords, Headers(scope=scope))[1])
         response = as_json({})
-        if session is not None:
-            try:
-                await self.ended.add(session)
-            except PageError as error:
-                response = as_error(error)
         self._set_cookie(response, "", 0, scope)
         return response
 
@@ -160,15 +157,16 @@ class Access:
             self._cookie, value, max_age=age_s, path="/", secure=is_secure, httponly=True, samesite="strict"
         )
 
-    def _session(self, passwords: Passwords, headers: Headers) -> Session | None:
+    def _session(self, passwords: Passwords, headers: Headers) -> tuple[Right, str]:
+        """Return the right of a session, and its cookie."""
         # Not that of `http.cookies`, which reads none where one of another program on this computer is odd to it.
         cookie = cookie_parser(headers.get("cookie", "")).get(self._cookie, "")
         told, _, signature = cookie.rpartition(".")
         if not hmac.compare_digest(signature.encode(), _signature(passwords, told).encode()):
-            return None
-        right, until_s, name = told.split(".")
-        session = Session(Right(int(right)), int(until_s), name)
-        return session if self._unix_s() < session.until_s and not self.ended.has(session) else None
+            return Right.OPEN, cookie
+        right, until_s, _ = told.split(".")
+        is_over = self._unix_s() >= int(until_s) or cookie in self._ended
+        return Right.OPEN if is_over else Right(int(right)), cookie
 
 
 class AccessGuard:

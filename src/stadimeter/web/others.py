@@ -7,11 +7,8 @@ page: it has what is known by now, and how old that is. Each is asked in a threa
 from __future__ import annotations
 
 import math
-import re
-import socket
-import subprocess
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from http.client import HTTPConnection, HTTPException, HTTPSConnection
 from pathlib import Path
 from threading import Thread
@@ -29,13 +26,6 @@ from stadimeter.web.routes import ALARMS_PATH
 # comes byte by byte. A browser asks once a second, so that an answer is 2 s old at most while all is well.
 ASK_EVERY_S, ASK_AGAIN_S, WAIT_S, OLD_S = 0.9, 10.0, 4.0, 3.0
 ANSWER_MAX_BYTES = 1024 * 1024
-
-# Announcements are looked for this often; with as many pages as this, no further ones are taken.
-BROWSE_EVERY_S, BROWSE_WAIT_S, PAGES_MAX = 60.0, 10.0, 32
-BROWSE = ("avahi-browse", "--resolve", "--parsable", "--terminate", "--no-db-lookup", "_http._tcp")
-
-# A line of its output: `=`, interface, IPv4 or IPv6, name, type, domain, host, address, port, texts. See deploy/avahi.
-_ANNOUNCED = re.compile(r'=;(?:[^;]*;){5}([\w.-]+);[^;]*;(\d+);.*"product=stadimeter"')
 
 
 class OtherAlarm(Struct, frozen=True):
@@ -120,42 +110,19 @@ class Others:
     Args:
         urls: Those that are named.
         tokens: What opens those with passwords, by their address.
-        finds: Whether to look for announcements in the network, too. One that is found gets no token.
     """
 
-    def __init__(self, urls: Sequence[str], tokens: Mapping[str, str], *, finds: bool = False) -> None:
-        self._pages = {url: OtherPage(url, tokens.get(url, "")) for url in urls}
-        self._browse_s = -math.inf if finds else math.inf
+    def __init__(self, urls: Sequence[str], tokens: Mapping[str, str]) -> None:
+        self._pages = [OtherPage(url, tokens.get(url, "")) for url in urls]
 
     def tell(self) -> list[dict[str, Any]]:
         """List what is known of each, at once; and ask those whose turn it is."""
         now_s = time.monotonic()
-        due = [page for page in self._pages.values() if now_s >= page.next_s]
-        for page in due:
-            page.next_s = math.inf
-            Thread(target=page.ask, daemon=True).start()
-        if now_s >= self._browse_s:
-            self._browse_s = now_s + BROWSE_EVERY_S
-            Thread(target=self._browse, daemon=True).start()
-        return [page.tell(now_s) for page in [*self._pages.values()]]
-
-    def _browse(self) -> None:
-        try:
-            done = subprocess.run(BROWSE, capture_output=True, timeout=BROWSE_WAIT_S, check=False)  # noqa: S603
-        except (OSError, subprocess.SubprocessError):  # as without Avahi
-            return
-        ours = socket.gethostname().partition(".")[0]
-        for url in announced(done.stdout.decode("utf-8", "replace"), ours):
-            if len(self._pages) < PAGES_MAX:
-                self._pages.setdefault(url, OtherPage(url))
-
-
-def announced(listed: str, ours: str) -> Iterator[str]:
-    """Yield the addresses of pages that avahi-browse lists, but for those of a computer of ours."""
-    for line in listed.splitlines():
-        found = _ANNOUNCED.match(line)
-        if found and found[1].partition(".")[0] != ours:
-            yield f"http://{found[1]}:{found[2]}"
+        for page in self._pages:
+            if now_s >= page.next_s:
+                page.next_s = math.inf
+                Thread(target=page.ask, daemon=True).start()
+        return [page.tell(now_s) for page in self._pages]
 
 
 def read_tokens(path: Path) -> dict[str, str]:

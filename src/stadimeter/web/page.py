@@ -10,7 +10,7 @@ import struct
 import time
 from collections import defaultdict, deque
 from collections.abc import AsyncGenerator, Callable, Mapping
-from contextlib import aclosing, asynccontextmanager
+from contextlib import aclosing
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -257,30 +257,11 @@ class Page:
         self._static = StaticFiles(directory=HERE / "static", check_dir=False)
         self._answers: dict[tuple[str, ...], tuple[float, PageAnswer]] = {}
         self._asking: defaultdict[tuple[str, ...], asyncio.Lock] = defaultdict(asyncio.Lock)
-        self._limits: set[asyncio.Timeout] = set()
-        self._is_ending = False
-
-    @asynccontextmanager
-    async def until_the_end(self) -> AsyncGenerator[None]:
-        """Do what an answer needs; `PageError` as soon as the page ends meanwhile."""
-        try:
-            async with asyncio.timeout(0 if self._is_ending else None) as limit:
-                self._limits.add(limit)
-                yield
-        except TimeoutError as error:
-            if not limit.expired():
-                raise
-            raise PageError(503, "page-ends", "the page has been ended; start it again") from error
-        finally:
-            self._limits.discard(limit)
 
     def end(self) -> None:
-        """End all streams, and all requests that wait for an answer."""
-        self._is_ending = True
+        """End all streams."""
         for feed in self.feeds.values():
             feed.close()
-        while self._limits:
-            self._limits.pop().reschedule(0.0)
 
     async def close(self) -> None:
         """End what it started."""
@@ -317,7 +298,7 @@ class Page:
 
     async def logout(self, request: Request) -> Response:
         """End the session of this browser."""
-        return await self.access.end_session(request.scope)
+        return self.access.end_session(request.scope)
 
     async def session(self, request: Request) -> Response:
         """Answer what the session may do, and what is there."""

@@ -9,13 +9,11 @@ import signal
 import socket
 import ssl
 import time
-from collections import Counter
 from collections.abc import Awaitable, Callable, Generator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import h11
 import msgspec
 import uvicorn
 from starlette.applications import Starlette
@@ -33,7 +31,7 @@ from stadimeter.errors import PageError
 from stadimeter.web.access import AccessGuard, is_loopback
 from stadimeter.web.answers import as_error, as_json, as_picture, bounded_body
 from stadimeter.web.page import Page, PageOptions, login_form
-from stadimeter.web.passwords import PasswordFile, network_of
+from stadimeter.web.passwords import PasswordFile
 from stadimeter.web.routes import PAGE_OPERATIONS, PageOperation, Right
 
 # The page as an application: every path of the table, and who may go there ------------------------
@@ -58,8 +56,7 @@ def _route(page: Page, operation: PageOperation) -> Route:
 
     async def admitted(request: Request) -> Response:
         page.access.check(operation, request.scope)
-        async with page.until_the_end():
-            return await answer(request)
+        return await answer(request)
 
     route = Route(operation.path, admitted, middleware=_GZIPPED if operation.is_text else ())
     route.methods = {operation.method}  # and no HEAD with each GET: a stream would not end
@@ -141,7 +138,6 @@ STUCK_MAX_S = 30.0
 # More than this does not wait in the kernel for a slow browser: what waits there is old when it is seen.
 UNSENT_MAX_BYTES = 128 * 1024
 
-HEADERS_MAX_BYTES = 16 * 1024
 EVERYWHERE = ("::", "0.0.0.0")  # noqa: S104 - only with a password
 
 
@@ -175,17 +171,13 @@ def check_certificate(certificate: Path | None, key: Path | None) -> None:
     if certificate is None or key is None:
         return
     try:
-        for each in (certificate, key):
-            each.open().close()
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password=lambda: "")
     except ssl.SSLError as error:
-        if "KEY_VALUES_MISMATCH" in (error.reason or ""):
-            why = f"{certificate} does not fit the key in {key}: they are not of one pair"
-        else:
-            why = f"{certificate} and {key} are no certificate and no key without a passphrase, both as PEM"
-        raise PageError(400, "certificate", why) from error
+        words = f"{certificate} and {key} are no certificate with its key, without a passphrase, both as PEM"
+        raise PageError(400, "certificate", words) from error
     except OSError as error:
-        raise PageError(400, "certificate", f"{error.filename}: cannot be read: {error.strerror}") from error
+        words = f"{certificate} or {key} cannot be read: {error.strerror}"
+        raise PageError(400, "certificate", words) from error
 
 
 def serve(
@@ -252,31 +244,16 @@ class _Server(uvicorn.Server):
         yield
 
 
-class _Requests(h11.Connection):
-    """Refuses headers that are too large, also those that have come whole: the parser bounds what is to be awaited."""
-
-    def next_event(self) -> type[h11.NEED_DATA | h11.PAUSED] | h11.Event:
-        if self.their_state is not h11.IDLE:
-            return super().next_event()
-        before = len(self.trailing_data[0])
-        event = super().next_event()
-        if isinstance(event, h11.Request) and before - len(self.trailing_data[0]) > HEADERS_MAX_BYTES:
-            raise h11.RemoteProtocolError("the headers are too large", error_status_hint=431)
-        return event
-
-
 class _Connection(H11Protocol):
     """A connection that cannot be held without asking anything."""
 
     _since_s = 0.0
     _timer: asyncio.TimerHandle | None = None
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        self.conn = _Requests(h11.SERVER, HEADERS_MAX_BYTES)
-
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
+        if len(self.connections) > CONNECTIONS_MAX:
+            transport.abort()
         self._since_s = self.loop.time()
         self._watch()
 
@@ -297,43 +274,8 @@ class _Connection(H11Protocol):
             self._timer = self.loop.call_later(IDLE_MAX_S / 4, self._watch)
 
 
-class _Listener(socket.socket):
-    """Lets in no more than there is room for, also of those who come for TLS and say nothing.
-
-    The server knows a connection from the end of its handshake on. Before that, strangers could take every file
-    descriptor of the process, which then fills the log. Where all room is taken, it is shared by addresses.
-    """
-
-    def __init__(self, family: socket.AddressFamily) -> None:
-        super().__init__(family, socket.SOCK_STREAM)
-        self._let_in: list[tuple[socket.socket, str]] = []
-
-    def accept(self) -> tuple[socket.socket, Any]:
-        """Return a connection; one that there is no room for is closed, and `BlockingIOError` asks to come again."""
-        connection, address = super().accept()
-        network = network_of(address[0])
-        self._let_in = [each for each in self._let_in if each[0].fileno() >= 0]
-        if len(self._let_in) >= CONNECTIONS_MAX and not self._make_room(network):
-            connection.close()
-            raise BlockingIOError
-        self._let_in.append((connection, network))
-        return connection, address
-
-    def _make_room(self, newcomer: str) -> bool:
-        """Hang up on the newest connection of the address that holds most, unless the newcomer's own holds as many."""
-        counts = Counter(network for _, network in self._let_in)
-        (greediest, most), *_ = counts.most_common(1)
-        if most <= counts[newcomer] + 1:
-            return False
-        victim = next(each for each in reversed(self._let_in) if each[1] == greediest)
-        self._let_in.remove(victim)
-        with suppress(OSError):  # it may be gone already
-            victim[0].shutdown(socket.SHUT_RDWR)
-        return True
-
-
 def _make_listener(address: str, port: int) -> socket.socket:
-    listener = _Listener(socket.AF_INET6 if ":" in address else socket.AF_INET)
+    listener = socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         # Connections inherit these.
