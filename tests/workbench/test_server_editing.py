@@ -24,7 +24,7 @@ from stadimeter.workbench.colour_aids import with_range
 from stadimeter.workbench.saving import versions
 from stadimeter.workbench.server.editing import saved_text, version_of
 from stadimeter.workbench.server.operations import Desk, DeskReply, find_operation
-from stadimeter.workbench.server.process import REQUEST_MAX_BYTES, serve
+from stadimeter.workbench.server.process import serve
 from support.browser import STILL, Served, served
 from support.saves import CONFIGURATION
 
@@ -175,7 +175,6 @@ def test_a_disk_that_is_full_at_the_second_file_leaves_both_as_they_were(
     assert desk.configuration.read_text() == HERE
     assert (desk.configuration.parent / "camera.toml").read_text() == LENS
     assert not list(desk.configuration.parent.glob(".*"))
-    assert ask(desk, "configuration")["versions"] == [], "nothing was replaced"
 
 
 STRANGE = (
@@ -325,13 +324,13 @@ def _exchanged(desk: Desk, *lines: bytes) -> list[dict[str, Any]]:
     asked = desk.configuration.with_name("requests")
     asked.write_bytes(b"".join(line + b"\n" for line in lines))
     answers = BytesIO()
-    with asked.open("rb", buffering=0) as requests:
+    with asked.open("rb") as requests:
         serve(desk, requests, answers)
     return [json.loads(line) for line in answers.getvalue().splitlines()]
 
 
 def test_what_is_no_request_is_refused_and_the_next_is_answered(tmp_path: Path) -> None:
-    bad = (b"", b"{", b"[]", b'{"op": 1}', b'{"op": "nothing"}', b"x" * (REQUEST_MAX_BYTES + 10), b"[" * 100_000)
+    bad = (b"", b"{", b"[]", b'{"op": 1}', b'{"op": "nothing"}', b"[" * 100_000)
     *refused, answered = _exchanged(Desk(configuration=tmp_path / "a.toml"), *bad, b'{"op": "setup_operations.state"}')
     assert [each["status"] for each in refused] == ["error"] * len(bad)
     assert answered["data"]["question"] is None
@@ -367,7 +366,7 @@ def test_the_desk_comes_to_rest_at_the_end_even_if_nobody_reads_the_answer(tmp_p
     out_end, out_start = os.pipe()
     os.close(out_end)
     os.write(in_start, b'{"op": "setup_operations.state"}\n')
-    with os.fdopen(in_end, "rb", buffering=0) as requests, os.fdopen(out_start, "wb", buffering=0) as answers:
+    with os.fdopen(in_end, "rb") as requests, os.fdopen(out_start, "wb", buffering=0) as answers:
         serve(desk, requests, answers)
     os.close(in_start)
     assert rested == ["camera"]

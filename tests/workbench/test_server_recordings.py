@@ -20,7 +20,7 @@ from msgspec.structs import replace
 from stadimeter.app.control.client import ask as ask_run
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.event_log import EventLog
-from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration, to_be_recorded
+from stadimeter.app.recordings.journal import RecordedConfiguration, to_be_recorded
 from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter
 from stadimeter.app.timeline import TimelineKeeper, event_log_beside
 from stadimeter.config.camera_file import camera_file_text
@@ -29,6 +29,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
+from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus, Track, TrackStatus
 from stadimeter.core.observation import FrameStamp, Observation
@@ -83,11 +84,7 @@ def record(path: Path, count: int = 50, options: ImageOptions | None = None) -> 
 def recording_of(path: Path, count: int, options: ImageOptions | None = None) -> Iterator[None]:
     """Record, and finish the file at the end of the block."""
     path.parent.mkdir(exist_ok=True)
-    writer = (
-        RecordingWriter(path, RECORDED, options)
-        if path.suffix == ".mcap"
-        else JournalWriter(path, RECORDED.configuration)
-    )
+    writer = RecordingWriter(path, RECORDED, options)
     for each, frame in records(count):
         writer.write(each, frame)
     yield
@@ -123,20 +120,18 @@ def test_any_moment_of_a_recording_comes_with_its_picture_and_its_cycle(tmp_path
 
 def test_the_newest_recording_is_listed_first_and_a_damaged_one_says_what_is_wrong(desk: Desk, folder: Path) -> None:
     whole = record(folder / "a.mcap").read_bytes()
-    record(folder / "b.jsonl")
     (folder / "cut.mcap").write_bytes(whole[:-40])
     (folder / "noise.mcap").write_bytes(b"nothing of ours")
-    (folder / "empty.jsonl").write_bytes(b"")
+    (folder / "empty.mcap").write_bytes(b"")
     (folder / "notes.txt").write_text("not listed")
     (folder / "link.mcap").symlink_to("a.mcap")
     listed = {each["name"]: each for each in ask(desk, "recordings.recordings")["recordings"]}
-    assert set(listed) == {"a.mcap", "b.jsonl", "cut.mcap", "noise.mcap", "empty.jsonl"}
-    for name in ("a.mcap", "b.jsonl"):
-        assert listed[name]["seconds"] == pytest.approx(4.9)
-        assert (listed[name]["damage"], listed[name]["configuration"]) == ("", "rules near")
+    assert set(listed) == {"a.mcap", "cut.mcap", "noise.mcap", "empty.mcap"}
+    assert listed["a.mcap"]["seconds"] == pytest.approx(4.9)
+    assert (listed["a.mcap"]["damage"], listed["a.mcap"]["configuration"]) == ("", "rules near")
     assert "its end is missing" in listed["cut.mcap"]["damage"]
     assert listed["cut.mcap"]["seconds"] > 0
-    for name in ("noise.mcap", "empty.jsonl"):
+    for name in ("noise.mcap", "empty.mcap"):
         assert listed[name]["damage"]
         assert listed[name]["seconds"] is None
 
@@ -152,13 +147,19 @@ def test_a_frame_of_a_recording_has_what_was_measured_drawn_in_and_its_values(de
         bearing_rad=0.0,
         elevation_rad=0.0,
     )
+    corners = np.array([[20.0, 10.0], [44.0, 10.0], [44.0, 38.0], [20.0, 38.0]])
+    outlined = Detection(target="ball", status=DetectionStatus.FOUND, centre_px=(32.0, 24.0), outline_px=corners)
     decision = Rehearsal(PLAN).see(*[1.0] * 10)
     seen = Observation(now_s=0.0, frame=FrameStamp(captured_at_s=0.0, sequence=0), measurements=(measured,))
     folder.mkdir()
     writer = RecordingWriter(folder / "a.mcap", replace(RECORDED, sizes={"ball": BallShape(diameter_m=0.4)}))
     writer.write(
         CycleRecord(
-            observation=seen, decision=decision, applied=(LevelCommand(output="buzzer", level=0.4),), timings_s={}
+            observation=seen,
+            decision=decision,
+            applied=(LevelCommand(output="buzzer", level=0.4),),
+            timings_s={},
+            detections=(outlined,),
         ),
         Frame(np.full((48, 64, 3), 90, np.uint8), 0.0, 0),
     )
@@ -203,12 +204,9 @@ def test_a_recording_is_deleted_unless_it_is_being_written(desk: Desk, folder: P
     assert ask(desk, "recordings.recordings")["recordings"] == []
 
 
-@pytest.mark.parametrize("ending", ["mcap", "jsonl"])
 @pytest.mark.parametrize("cycles", [0, 5])
-def test_a_recording_in_progress_is_never_damaged_however_young_it_is(
-    desk: Desk, folder: Path, cycles: int, ending: str
-) -> None:
-    with recording_of(folder / f"a.{ending}", cycles):
+def test_a_recording_in_progress_is_never_damaged_however_young_it_is(desk: Desk, folder: Path, cycles: int) -> None:
+    with recording_of(folder / "a.mcap", cycles):
         (listed,) = ask(desk, "recordings.recordings")["recordings"]
         assert listed["is_growing"]
         assert listed["damage"] == ""
@@ -218,7 +216,6 @@ def test_clips_are_listed_beside_recordings_with_what_they_are_of_and_are_found_
     desk: Desk, folder: Path
 ) -> None:
     record(folder / "run.mcap")
-    record(folder / "run.jsonl")
     clip_of = {"kind": "raised", "source": "near", "reason": "0.9 m"}
     (folder / "clips").mkdir()
     writer = RecordingWriter(folder / "clips" / "clip.mcap", replace(RECORDED, clip_of=clip_of), anchor_ns=10**18)
@@ -227,7 +224,7 @@ def test_clips_are_listed_beside_recordings_with_what_they_are_of_and_are_found_
     writer.close()
     listed = {each["name"]: each for each in ask(desk, "recordings.recordings")["recordings"]}
     assert {name: each["clip_of"] for name, each in listed.items()} == {
-        "run.mcap": None, "run.jsonl": None, "clip.mcap": clip_of
+        "run.mcap": None, "clip.mcap": clip_of
     }  # fmt: skip
     for each in listed.values():
         assert each["ended_unix_s"] - each["began_unix_s"] == pytest.approx(each["seconds"])
@@ -255,21 +252,22 @@ def desk_of_walk(tmp_path: Path) -> Desk:
     desk_of_walk.configuration.write_text(BEFORE)
     configuration = load_configuration(desk_of_walk.configuration)
     (tmp_path / "recordings").mkdir()
-    writer = JournalWriter(tmp_path / "recordings" / "walk.jsonl", to_be_recorded(configuration))
+    recorded = Recorded(configuration=to_be_recorded(configuration), camera=LENS, sizes={})
+    writer = RecordingWriter(tmp_path / "recordings" / "walk.mcap", recorded)
 
-    class Recorded(Rehearsal):
+    class Walk(Rehearsal):
         def cycle(self, observation: Observation) -> Decision:
             decision = super().cycle(observation)
             writer.write(CycleRecord(observation=observation, decision=decision, applied=(), timings_s={}))
             return decision
 
-    Recorded(configuration.plan, frame_s=1 / 30).see(*IN_AND_OUT)
+    Walk(configuration.plan, frame_s=1 / 30).see(*IN_AND_OUT)
     writer.close()
     return desk_of_walk
 
 
 def diff(desk_of_walk: Desk, text: str, **args: object) -> Any:
-    return find_operation("replaying.replay_diff")(desk_of_walk, {"name": "walk.jsonl", "text": text, **args}).data
+    return find_operation("replaying.replay_diff")(desk_of_walk, {"name": "walk.mcap", "text": text, **args}).data
 
 
 def test_a_farther_threshold_is_crossed_earlier_and_left_later(desk_of_walk: Desk) -> None:
@@ -285,13 +283,12 @@ def test_a_farther_threshold_is_crossed_earlier_and_left_later(desk_of_walk: Des
 
 
 def test_a_recording_that_is_damaged_is_compared_up_to_there(desk_of_walk: Desk) -> None:
-    file = desk_of_walk.configuration.parent / "recordings" / "walk.jsonl"
-    lines = file.read_bytes().split(b"\n")
-    lines[200] = b'{"observation":{"now_s":6.0,"frame":nothing}}'
-    file.write_bytes(b"\n".join(lines))
+    file = desk_of_walk.configuration.parent / "recordings" / "walk.mcap"
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) // 2])
     found = diff(desk_of_walk, AFTER)
-    assert (found["progress"], round(found["to_s"])) == (1.0, 7)
-    assert any("walk.jsonl:201" in words for words in found["words"])
+    assert (found["progress"], round(found["to_s"])) == (1.0, 5)
+    assert any("damaged: its end is missing" in words for words in found["words"])
 
 
 def test_a_long_recording_is_answered_in_parts_which_come_to_the_same(
@@ -315,12 +312,11 @@ def test_two_who_compare_at_once_both_come_to_the_end_also_while_the_recording_g
 ) -> None:
     ticks = iter(range(100_000))
     monkeypatch.setattr(Passage.go_on, "__defaults__", (lambda: next(ticks) / 1000,))
-    recording = desk_of_walk.configuration.parent / "recordings" / "walk.jsonl"
-    line = recording.read_bytes().splitlines(keepends=True)[-1]
+    recording = desk_of_walk.configuration.parent / "recordings" / "walk.mcap"
     shares = {BEFORE: [0.0], AFTER: [0.0]}
     while min(each[-1] for each in shares.values()) < 1:
         with recording.open("ab") as file:
-            file.write(line)
+            file.write(b"\0")
         for text, share in shares.items():
             share.append(diff(desk_of_walk, text, for_s=0.1)["progress"])
             assert share[-1] == 1 or share[-1] > share[-2]

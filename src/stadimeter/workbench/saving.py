@@ -6,13 +6,9 @@ order, since the clock of a Pi without a network may go backwards.
 
 from __future__ import annotations
 
-import fcntl
-import filecmp
-import os
 import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from itertools import zip_longest
 from pathlib import Path
@@ -35,9 +31,6 @@ VERSIONS = "versions"
 
 # The number of versions that are kept; the oldest is deleted first.
 KEPT_MAX = 100
-
-# All versions together. Usual ones have some kilobytes; the newest is kept whatever its size.
-KEPT_MAX_BYTES = 20_000_000
 
 _ID = re.compile(r"(\d{4,9})-(\d{8}T\d{6}Z)")
 _STAMP = "%Y%m%dT%H%M%SZ"
@@ -93,7 +86,7 @@ def save_files(
 
     Args:
         files: Their texts, by names below the folder, in the order in which they take their names.
-        check: Called under the lock of the folder; if it raises, nothing has changed.
+        check: Called first; if it raises, nothing has changed.
 
     Returns:
         The names of those that were written, and where the ones that were there are kept; None if there were none.
@@ -106,20 +99,15 @@ def save_files(
             raise ConfigError([Problem("this cannot be the name of a file here", name)])
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with _alone(folder):
-            check()
-            changed = {name: text for name, text in files.items() if not holds(folder / name, text.encode())}
-            present = [name for name in files if (folder / name).exists()] if changed else []
-            kept = _next_version(folder) if present else None
-            try:
-                _keep(folder, present, kept)
-                for name in changed:
-                    (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                write_all_atomically({folder / name: text.encode() for name, text in changed.items()})
-            except BaseException:
-                _forget(folder, kept)
-                raise
-            _forget_oldest(_all(folder))
+        check()
+        changed = {name: text for name, text in files.items() if not holds(folder / name, text.encode())}
+        present = [name for name in files if (folder / name).exists()] if changed else []
+        kept = _keep(folder, present) if present else None
+        for name in changed:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        write_all_atomically({folder / name: text.encode() for name, text in changed.items()})
+        for oldest in _all(folder)[:-KEPT_MAX]:
+            shutil.rmtree(oldest.folder, ignore_errors=True)
     except UnreadableError:  # what is there, as `check` says it
         raise
     except OSError as error:
@@ -176,44 +164,12 @@ def _all(folder: Path) -> list[Version]:
     return sorted(found, key=lambda version: version.number)
 
 
-def _next_version(folder: Path) -> Path:
+def _keep(folder: Path, names: list[str]) -> Path:
+    """Keep files as a further version; return its folder."""
     before = _all(folder)
     number = before[-1].number + 1 if before else 1
-    return folder / VERSIONS / f"{number:04}-{datetime.now(UTC).strftime(_STAMP)}"
-
-
-def _keep(folder: Path, names: list[str], kept: Path | None) -> None:
-    if kept is None:
-        return
+    kept = folder / VERSIONS / f"{number:04}-{datetime.now(UTC).strftime(_STAMP)}"
     for name in names:
         (kept / name).parent.mkdir(parents=True, exist_ok=True)
         write_atomically(kept / name, (folder / name).read_bytes(), like=folder / name)
-
-
-def _forget(folder: Path, version: Path | None) -> None:
-    """Delete the version of a failed save, unless one of its files was replaced."""
-    if version is None:
-        return
-    with suppress(OSError):
-        kept = Version(version).files()
-        if all(filecmp.cmp(file, folder / name, shallow=False) for name, file in kept.items()):
-            shutil.rmtree(version, ignore_errors=True)
-
-
-def _forget_oldest(kept: list[Version]) -> None:
-    size = 0
-    for count, version in enumerate(reversed(kept), start=1):
-        size += sum(file.stat().st_size for file in version.files().values())
-        if count > KEPT_MAX or (count > 1 and size > KEPT_MAX_BYTES):
-            shutil.rmtree(version.folder, ignore_errors=True)
-
-
-@contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder: one process at a time saves there."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)
+    return kept

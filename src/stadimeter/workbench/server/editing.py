@@ -31,9 +31,6 @@ from stadimeter.workbench.server.run_of_desk import run_socket
 # No test of a configuration begins later than this: whoever asks waits, and so do all others.
 TESTS_MAX_S = 20.0
 
-# A person reads the first of them.
-DIFF_LINES_MAX = 400
-
 
 @operation
 def configuration(desk: Desk) -> dict[str, Any]:
@@ -173,10 +170,7 @@ def refuse_if_changed(desk: Desk, base_version: str, ours: str) -> None:
 
 def _diff(theirs: str, ours: str) -> list[str]:
     """List what saving ours would change in theirs, in the unified format."""
-    lines = difflib.unified_diff(theirs.split("\n"), ours.split("\n"), "saved meanwhile", "yours", lineterm="")
-    found = list(lines)
-    left = len(found) - DIFF_LINES_MAX
-    return [*found[:DIFF_LINES_MAX], *([f"… and {left} more lines"] if left > 0 else [])]
+    return [*difflib.unified_diff(theirs.split("\n"), ours.split("\n"), "saved meanwhile", "yours", lineterm="")]
 
 
 def _versions(desk: Desk, text: str) -> list[dict[str, Any]]:
@@ -198,25 +192,12 @@ def _find_need(desk: Desk, files: Mapping[str, str]) -> str:
         digest = ask(run_socket(desk), "hello", wait_s=HELLO_WAIT_S).get("digest")
     except ControlError:
         return "start"
-    new = _load_or_none(desk.configuration, _texts(desk, files[desk.configuration.name], files))
-    running = _find_running(desk, digest)
-    if new is None or running is None or needs_restart(running, new):
+    place = desk.configuration
+    new = _load_or_none(place, _texts(desk, files[place.name], files))
+    saved = _load_or_none(place, {})
+    if new is None or saved is None or sha256_of(saved.text) != digest or needs_restart(saved, new):
         return "restart"
     return "nothing" if sha256_of(new.text) == digest else "reload"
-
-
-def _find_running(desk: Desk, digest: object) -> Configuration | None:
-    """Return the configuration that the run goes by: of the texts that are there, the one with its digest."""
-    place = desk.configuration
-    for path in (place, *(each.folder / place.name for each in versions(place))):
-        try:
-            text = read_untrusted_text(path, CONFIGURATION_MAX_BYTES)
-        except UnreadableError:
-            continue
-        found = _load_or_none(place, {place: text})
-        if found is not None and sha256_of(found.text) == digest:
-            return found
-    return None
 
 
 def _load_or_none(place: Path, texts: Texts) -> Configuration | None:

@@ -19,21 +19,12 @@ from stadimeter.app.control.client import encode_answer
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.server.operations import Desk, find_operation
 
-# A configuration within JSON, with room for one that is much too long; a longer line is passed over.
-REQUEST_MAX_BYTES = 4 * 1024 * 1024
-
 # If nothing was asked for this long, a camera is not held any longer.
 REST_AFTER_S = 60.0
 
-CHUNK_BYTES = 65536
-
 
 def serve(desk: Desk, requests: BinaryIO, answers: BinaryIO, rest_after_s: float = REST_AFTER_S) -> None:
-    """Answer requests until there are no more, or the reader of the answers is gone.
-
-    Args:
-        requests: Not buffered, so that it can be waited for.
-    """
+    """Answer requests until there are no more, or the reader of the answers is gone."""
     try:
         for line in _lines(desk, requests, rest_after_s):
             answers.write(_answer_request(desk, line))
@@ -51,21 +42,13 @@ def _rest(desk: Desk) -> None:
 
 
 def _lines(desk: Desk, requests: BinaryIO, rest_after_s: float) -> Iterator[bytes]:
-    """Yield each line; one that is too long as nothing but its beginning."""
-    line, is_resting = bytearray(), False
+    """Yield each line. The page sends the next one only once this one is answered, so none waits in the buffer."""
     while True:
-        if not is_resting and not select.select([requests], [], [], rest_after_s)[0]:
+        if not select.select([requests], [], [], rest_after_s)[0]:
             _rest(desk)
-            is_resting = True
-        data = requests.read(CHUNK_BYTES)
-        if not data:
+        if not (line := requests.readline()):
             return
-        is_resting = False
-        first, *others = data.split(b"\n")
-        line += first[: max(0, REQUEST_MAX_BYTES + 1 - len(line))]
-        for other in others:
-            yield bytes(line)
-            line = bytearray(other)
+        yield line
 
 
 def _answer_request(desk: Desk, line: bytes) -> bytes:
@@ -83,8 +66,6 @@ def _answer_request(desk: Desk, line: bytes) -> bytes:
 
 
 def _request(line: bytes) -> tuple[Any, str, dict[str, Any]]:
-    if len(line) > REQUEST_MAX_BYTES:
-        raise ConfigError(f"a request is longer than {REQUEST_MAX_BYTES} bytes")
     try:
         request = json.loads(line)
         transaction, name, args = request.get("transaction"), request["op"], request.get("args") or {}
@@ -107,7 +88,7 @@ def main(configuration: str, *socket: str) -> None:
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     desk = Desk(configuration=Path(configuration).resolve(), run_socket=Path(*socket) if socket else None)
-    with os.fdopen(os.dup(sys.stdin.fileno()), "rb", buffering=0) as requests:
+    with os.fdopen(os.dup(sys.stdin.fileno()), "rb") as requests:
         serve(desk, requests, answers)
 
 

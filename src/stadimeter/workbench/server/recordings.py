@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import json
-import math
 import os
-import re
 import stat
 import tomllib
 from collections.abc import Iterator
@@ -23,31 +21,24 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.history import Seen
 from stadimeter.app.live.pictures import Pictures
 from stadimeter.app.live.snapshot import RunSnapshot, shared_data
-from stadimeter.app.recordings.journal import Journal, JournalHeader, load_recorded
-from stadimeter.config.files import JSON_MAX_BYTES, open_untrusted
+from stadimeter.app.recordings.journal import ENDING, JournalHeader, load_recorded
+from stadimeter.config.files import open_untrusted
 from stadimeter.core.detection import Detection, DetectionStatus, Points
 from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, JournalError, NotThereError, StadimeterError
-from stadimeter.workbench.replay import McapRecording, RecordedMoment, RecordingIndex, read_index, read_recording
+from stadimeter.workbench.replay import RecordedMoment, RecordingIndex, read_index, read_recording
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.run_of_desk import folder_of
 
-# Of recordings with pictures, and of journals.
-ENDINGS = frozenset({".mcap", ".jsonl"})
-
 # The newest of them; a folder that nobody tidies up has thousands.
 LISTED_MAX = 500
-
-# The time of a cycle stands at the beginning of its line.
-_NOW = re.compile(rb'"now_s":(-?[0-9.eE+-]+)')
-_NOW_WITHIN = 120
 
 
 @operation
 def recordings(desk: Desk) -> dict[str, Any]:
     """Answer the recordings and clips that there are, newest first."""
     folder = folder_of(desk)
-    paths = (path for each in (folder, folder / CLIPS) for path in each.glob("*") if path.suffix in ENDINGS)
+    paths = (path for each in (folder, folder / CLIPS) for path in each.glob(f"*{ENDING}"))
     found = {path: about_file for path in paths if (about_file := _file(path))}
     newest = sorted(found, key=lambda path: found[path].st_mtime, reverse=True)
     listed = []
@@ -88,7 +79,7 @@ def path_of(desk: Desk, name: str) -> Path:
         NotThereError: There is none of that name.
     """
     folder = folder_of(desk)
-    if name == Path(name).name and Path(name).suffix in ENDINGS:
+    if name == Path(name).name and name.endswith(ENDING):
         for path in (folder / name, folder / CLIPS / name):
             if _file(path):
                 return path
@@ -133,7 +124,6 @@ def _look_into(path: Path) -> dict[str, Any]:
     file_about = path.stat()
     told: dict[str, Any] = {
         "name": path.name,
-        "kind": "recording" if path.suffix == ".mcap" else "journal",
         "bytes": file_about.st_size,
         "unix_s": file_about.st_mtime,
         "seconds": None,
@@ -147,12 +137,10 @@ def _look_into(path: Path) -> dict[str, Any]:
     try:
         with open_untrusted(path) as file:
             told["is_growing"] = _is_being_written(file)
-        found = read_recording(path)
-        began_s = began_unix_s(found.header, file_about.st_mtime)
-        told |= {"unix_s": began_s, "began_unix_s": began_s, "configuration": _in_words(found.header)}
-        told["clip_of"] = found.clip_of if isinstance(found, McapRecording) else None
-        told["seconds"] = _journal_s(found) if isinstance(found, Journal) else read_index(path).seconds
-        told["ended_unix_s"] = began_s + told["seconds"]
+        index = read_index(path)
+        found, began_s = index.recording, began_unix_s(index.recording.header, file_about.st_mtime)
+        told |= {"unix_s": began_s, "began_unix_s": began_s, "ended_unix_s": began_s + index.seconds}
+        told |= {"seconds": index.seconds, "clip_of": found.clip_of, "configuration": _in_words(found.header)}
         if not told["is_growing"] and found.is_cut_off():
             told["damage"] = "its end is missing, as after a power cut; what comes before can be used"
     except StadimeterError as error:
@@ -178,23 +166,6 @@ def _in_words(header: JournalHeader) -> str:
     return f"rules {', '.join(rules)}" if rules else "no rules"
 
 
-def _journal_s(journal: Journal) -> float:
-    """Return the duration of a journal, by the times of its first and its last whole cycle."""
-    with open_untrusted(journal.path) as file:
-        file.readline(JSON_MAX_BYTES)
-        begin = _NOW.search(file.readline(JSON_MAX_BYTES)[:_NOW_WITHIN])
-        end = _NOW.search(_last_line(file)[:_NOW_WITHIN])
-    return float(end[1]) - float(begin[1]) if begin and end else 0.0
-
-
-def _last_line(file: BinaryIO) -> bytes:
-    """Return the last line that is whole and a cycle."""
-    size = file.seek(0, os.SEEK_END)
-    file.seek(max(0, size - JSON_MAX_BYTES))
-    lines = file.read(JSON_MAX_BYTES).split(b"\n")[:-1]
-    return next((line for line in reversed(lines) if _NOW.search(line[:_NOW_WITHIN])), b"")
-
-
 def _is_being_written(file: BinaryIO) -> bool:
     """Check whether a run writes to it, which keeps it locked."""
     try:
@@ -207,7 +178,6 @@ def _is_being_written(file: BinaryIO) -> bool:
 
 # The messages have (0, 0) at the corner of the first pixel, not at its centre.
 QUALITY = 80
-RIM_POINTS = 48
 FIRST_PIXEL = 0.5
 
 # The parts of a live snapshot that a recording has, too.
@@ -221,8 +191,6 @@ def recording_frame(desk: Desk, name: str, at_s: float = 0.0, draw: str = "drawn
     ``at_s`` is since its beginning; ``draw`` is ``plain`` to draw nothing.
     """
     path = path_of(desk, name)
-    if path.suffix != ".mcap":
-        raise JournalError(f"{path.name} is a journal, and has no pictures; its decisions can be replayed")
     index = index_of(desk, path)
     moment = index.moment(at_s)
     seen = None if moment.seen is None else Seen(_with_detections(moment), moment.frame)
@@ -264,26 +232,13 @@ def _with_detections(moment: RecordedMoment) -> CycleRecord:
 
 
 def _detections(moment: RecordedMoment) -> Iterator[Detection]:
-    """Yield the outlines; of recordings that have none, the circles around what was measured."""
+    """Yield what was outlined."""
     try:
-        found = json.loads(moment.annotations or b"{}")
-        for line in found.get("points", []):
+        for line in json.loads(moment.annotations or b"{}").get("points", []):
             outline = np.array([[point["x"], point["y"]] for point in line["points"]], float).reshape(-1, 2)
             yield _detection_of(line["metadata"][0]["value"], outline - FIRST_PIXEL)
-        for number, circle in enumerate(found.get("circles", [])):
-            if circle["outline_color"]["r"] < circle["outline_color"]["g"]:  # not red, which is what was rejected
-                centre = circle["position"]["x"] - FIRST_PIXEL, circle["position"]["y"] - FIRST_PIXEL
-                named = circle["metadata"]
-                target = named[0]["value"] if named else found["texts"][number]["text"].rsplit(" ", 2)[0]
-                yield _detection_of(target, _rim(centre, float(circle["diameter"])))
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):  # damaged, or of another program
         return
-
-
-def _rim(centre_px: tuple[float, float], across_px: float) -> Points:
-    angles = np.linspace(0, 2 * math.pi, RIM_POINTS, endpoint=False)
-    rim: Points = np.array(centre_px) + across_px / 2 * np.column_stack([np.cos(angles), np.sin(angles)])
-    return rim
 
 
 def _detection_of(target: str, outline_px: Points) -> Detection:

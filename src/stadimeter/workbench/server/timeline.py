@@ -150,7 +150,7 @@ def _clips(desk: Desk, from_s: float, to_s: float) -> Iterator[dict[str, Any]]:
     for each in recordings(desk)["recordings"]:
         began_s = each.get("began_unix_s") or each["unix_s"]
         ended_s = each.get("ended_unix_s") or began_s + (each["seconds"] or 0.0)
-        if began_s < to_s and ended_s >= from_s and each["kind"] == "recording" and not each["damage"]:
+        if began_s < to_s and ended_s >= from_s and not each["damage"]:
             yield {"name": each["name"], "from_s": began_s, "to_s": ended_s, "clip_of": each.get("clip_of")}
 
 

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.app.control.recording import LAST
+from stadimeter.app.recordings.journal import ENDING
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.rule_settings import settings_of, with_settings
 from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.operations import Desk, operation
-from stadimeter.workbench.server.recordings import ENDINGS, about, began_unix_s
+from stadimeter.workbench.server.recordings import about, began_unix_s
 from stadimeter.workbench.server.run_of_desk import folder_of
 from stadimeter.workbench.trial import KeptRecording
 from stadimeter.workbench.tune import MOMENT_S, Proposal, Tuning, in_words, parse_mark
@@ -127,7 +128,7 @@ def recordings_of(desk: Desk) -> dict[str, Path]:
     """Return every recording of the run by its name below the folder: its own, clips, and the last hour."""
     folder = folder_of(desk)
     inside = (folder, folder / "clips", folder / LAST / desk.configuration.stem)
-    paths = (path for each in inside for path in each.glob("*") if path.suffix in ENDINGS and path.is_file())
+    paths = (path for each in inside for path in each.glob(f"*{ENDING}") if path.is_file())
     return {path.relative_to(folder).as_posix(): path for path in paths}
 
 

@@ -84,17 +84,16 @@ function Orders({ live, api, say, load, canOperate }) {
 }
 
 function Recording({ recording, canOperate, open, remove }) {
-  const { name, kind, seconds, bytes, unix_s, configuration, damage, is_growing, clip_of } = recording;
+  const { name, seconds, bytes, unix_s, configuration, damage, is_growing, clip_of } = recording;
   const facts = [
     clip_of && `${clip_of.source} ${clip_of.kind}: ${clip_of.reason}`,
     format.moment(unix_s),
     seconds === null ? "" : format.span(seconds),
     format.size(bytes),
     configuration,
-    kind === "journal" ? "no pictures" : "",
   ];
   const path = `/api/v1/recordings/${encodeURIComponent(name)}`;
-  const canReplay = seconds > 0 && kind === "recording";
+  const canReplay = seconds > 0;
   const acts = html`<div class="row">
     ${canReplay && html`<${Button} label=${`Replay ${name}`} onclick=${open}>Replay<//>`}
     <a class="button" href=${path} download=${name} aria-label=${`Download ${name}`} hidden=${is_growing}>Download</a>
