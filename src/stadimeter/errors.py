@@ -32,7 +32,7 @@ and what to do about it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 from msgspec import Struct
 
@@ -117,15 +117,9 @@ class ChangedMeanwhileError(StadimeterError):
 
     Attributes:
         code: What it is, for programs.
-        data: ``their_text``, as it is saved now, and ``diff``: what ours would change in it, lines in the unified
-            format.
     """
 
     code = "conflict"
-
-    def __init__(self, words: str, their_text: str, diff: Sequence[str]) -> None:
-        self.data = {"their_text": their_text, "diff": list(diff)}
-        super().__init__(words)
 
 
 class NotThereError(StadimeterError, LookupError):

@@ -186,18 +186,6 @@ def test_it_is_left_with_ctrl_c_and_taken_up_again_in_a_narrow_terminal(tmp_path
     assert load_configuration(tmp_path / "stadimeter.toml").plan.rules
 
 
-def _typed(folder: Path, monkeypatch: pytest.MonkeyPatch, *answers: str) -> Typed:
-    """Type answers into a session; Ctrl-D is behind the last."""
-    monkeypatch.setattr("stadimeter.cli.init._is_terminal", lambda: True)
-    return typed("init", folder, answers="".join(f"{answer}\n" for answer in answers))
-
-
-def test_a_configuration_that_is_to_stay_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "stadimeter.toml").write_text("# mine\n")
-    assert _typed(tmp_path, monkeypatch, "no").returncode == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["stadimeter.toml"]
-
-
 # `init` for what a network finds, pictures, several of one kind, and what is known of floor, water and places.
 
 COLOUR = "20,60,40:50,255,255"

@@ -10,7 +10,7 @@ from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.web.access import HEADERS, SESSION_S
 from stadimeter.web.links import PageAnswer
 from stadimeter.web.passwords import FREE, PasswordFile
-from stadimeter.web.routes import PAGE_OPERATIONS, Right
+from stadimeter.web.routes import BODY_MAX_BYTES, PAGE_OPERATIONS, Right
 from support.page import FORM, OPERATE, READ, quicken, served_page
 
 CLOSED = [place for place in PAGE_OPERATIONS if place.right is not Right.OPEN]
@@ -314,7 +314,7 @@ def test_every_answer_has_the_headers_that_protect_it(stranger, path):
     assert "server" not in headers
 
 
-@pytest.mark.parametrize(("path", "most"), [("/login", 4096), ("/api/v1/world", 65536), ("/api/v1/setup/back", 262144)])
+@pytest.mark.parametrize(("path", "most"), [("/login", 4096), ("/api/v1/world", BODY_MAX_BYTES)])
 def test_a_body_has_a_bound(operator, path, most):
     headers = FORM if path == "/login" else {}
     assert operator.ask("POST", path, b"x" * (most + 1), headers).status == 413

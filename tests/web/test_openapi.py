@@ -39,7 +39,7 @@ def test_it_tells_the_right_the_names_and_the_kind_of_answer(place):
     assert set(re.findall(r"{(\w+)}", place.path)) == {name for name, where in names.items() if where == "path"}
     assert set(place.query) <= set(names)
     assert place.media in {"", *told["responses"]["200"]["content"]}
-    assert "requestBody" not in told or place.body_max
+    assert "requestBody" not in told or place.changes
 
 
 def test_every_operator_action_is_a_path_of_the_page_a_request_of_the_run_and_a_command():

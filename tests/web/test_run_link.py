@@ -12,7 +12,7 @@ from stadimeter.app.control.messages import Reply
 from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.errors import PageError
 from stadimeter.testing.rig import eventually
-from stadimeter.web.links import WAITING_MAX, RunLink, WorkbenchLink, command_of_workbench
+from stadimeter.web.links import RunLink, WorkbenchLink, command_of_workbench
 
 # The link to the run: finds it, asks it, and says in a sentence why it cannot.
 
@@ -212,16 +212,6 @@ def test_the_answer_to_one_who_hung_up_is_not_the_next_ones():
         return await link.ask("echo", {"of": "next"}, 20)
 
     assert tell(story).data[1] == {"of": "next"}
-
-
-def test_no_more_wait_than_can_be_answered():
-    async def story(link):
-        asked = [asyncio.ensure_future(link.ask("echo", {"number": number}, 20)) for number in range(WAITING_MAX + 1)]
-        return await asyncio.gather(*asked, return_exceptions=True)
-
-    *answered, refused = tell(story)
-    assert [answer.data[1]["number"] for answer in answered] == list(range(WAITING_MAX))
-    assert refused.code == "busy"
 
 
 def test_without_a_question_it_ends():

@@ -186,7 +186,7 @@ def test_no_name_leads_out_of_the_folder(desk: Desk, folder: Path, name: str) ->
     record(folder / "a.mcap")
     record(folder.parent / "secret.mcap", 3)
     (folder / "link.mcap").symlink_to(folder.parent / "secret.mcap")
-    for op in ("recordings.recording", "recordings.recording_frame", "recordings.delete"):
+    for op in ("recordings.recording_frame", "recordings.delete"):
         with pytest.raises(NotThereError):
             ask(desk, op, name=name)
     assert (folder.parent / "secret.mcap").exists()
@@ -230,10 +230,9 @@ def test_clips_are_listed_beside_recordings_with_what_they_are_of_and_are_found_
         assert each["ended_unix_s"] - each["began_unix_s"] == pytest.approx(each["seconds"])
         assert each["seconds"] > 1
     assert listed["clip.mcap"]["began_unix_s"] == pytest.approx(1e9)
-    assert ask(desk, "recordings.recording", name="clip.mcap")["path"] == str(folder / "clips" / "clip.mcap")
     assert ask(desk, "recordings.delete", name="clip.mcap") == {"name": "clip.mcap"}
     with pytest.raises(NotThereError):
-        ask(desk, "recordings.recording", name="clip.mcap")
+        ask(desk, "recordings.delete", name="clip.mcap")
 
 
 # What an edited configuration would have done on a recording, as the page draws it.

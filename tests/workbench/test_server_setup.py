@@ -62,7 +62,7 @@ class Setup:
 
     def close(self) -> None:
         """Close the camera."""
-        for each in self.desk.at_rest:
+        for each in self.desk.at_end:
             each()
 
 

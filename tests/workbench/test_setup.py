@@ -112,14 +112,9 @@ def test_a_camera_is_named_in_the_ways_that_people_know() -> None:
         ("http://10.0.0.9/a?b=c", {"driver": "opencv", "device": "http://10.0.0.9/a?b=c"}),
         ("picamera2", {"driver": "picamera2"}),
         ("drive.mp4", {"driver": "video", "path": "drive.mp4", "loop": True}),
-        ("drive.mp4 loop=no", {"driver": "video", "path": "drive.mp4", "loop": False}),
         (
             "'my ball.jpg' b.png",
             {"driver": "images", "paths": ["my ball.jpg", "b.png"], "rate": "5 Hz", "dwell": "2 s", "loop": True},
-        ),
-        (
-            "shots rate=1Hz dwell=0s loop=no",
-            {"driver": "images", "paths": ["shots"], "rate": "1Hz", "dwell": "0s", "loop": False},
         ),
     ]:
         assert table_of(answer) == table

@@ -62,9 +62,9 @@ def init(
 ) -> None:
     """Write a first configuration: asks for camera, target and what shall happen, one thing at a time.
 
-    Shows what it found, and has an answer ready, in brackets, which Enter takes. What is sure, such as the only camera,
-    is shown and not asked. `back` goes back to what was answered or shown last. Ctrl-C leaves; each answer is saved
-    as it is given, and `stadimeter init` in the same folder goes on from there.
+    Shows what it found, and has an answer ready, in brackets, which Enter takes. `back` goes back to what was answered
+    last. Ctrl-C leaves; each answer is saved as it is given, and `stadimeter init` in the same folder goes on from
+    there.
 
     Writes a camera file, a configuration with two tests for each thing that shall happen, and pictures of what was
     found, in the folder init. Then it checks the configuration, runs its tests, and names the next three commands. A
@@ -129,22 +129,15 @@ def _answer_from_file(console: Console, folder: Path, file: Path) -> Known:
 
 
 def _answer_by_person(console: Console, folder: Path) -> Known:
+    file = folder / CONFIGURATION
+    if file.exists():
+        console.print(f"{file} is there already. At the end it is kept in {folder / VERSIONS}.", markup=False)
     try:
-        _may_replace(console, folder / CONFIGURATION)
         return _interview(console, folder)
     except (KeyboardInterrupt, EOFError):
         again = "stadimeter init" if folder == Path() else f"stadimeter init {folder}"
         console.print(f"\nLeft. Every answer is saved; run `{again}` again to go on.", markup=False)
         raise typer.Exit(NOT_FOUND) from None
-
-
-def _may_replace(console: Console, file: Path) -> None:
-    if not file.exists():
-        return
-    console.print(f"{file} is there already. At the end it is kept in {file.parent / VERSIONS}.", markup=False)
-    if _prompt(console, "Make a new one? (yes or no)", "yes").lower() not in {"y", "yes"}:
-        console.print("Nothing was changed.")
-        raise typer.Exit(NOT_FOUND)
 
 
 def _interview(console: Console, folder: Path) -> Known:
@@ -169,11 +162,9 @@ def _ask(console: Console, interview: Interview) -> None:
     question = _question(console, interview)
     if question is None:
         return
-    if question.is_sure and _takes(console, interview, question.ready):
-        return
     _tell_question(console, question, len(interview.known.answers) + 1)
     while True:
-        text = _prompt(console, "", question.ready)
+        text = _prompt(console, question.ready)
         if text == BACK:
             interview.back()
             return
@@ -182,20 +173,6 @@ def _ask(console: Console, interview: Interview) -> None:
             return
         if accepted is not None:  # the answer is the ready one now
             question = interview.question() or question
-
-
-def _takes(console: Console, interview: Interview, ready: str) -> bool:
-    """Take an answer that is sure, and tell it; return whether there is no doubt of it."""
-    key = interview.next_key
-    try:
-        with _busy(console):
-            accepted = interview.answer(ready)
-    except StadimeterError:  # then it is asked
-        return False
-    if not accepted.doubt:
-        console.print()
-        _tell_accepted(console, key, accepted)
-    return not accepted.doubt
 
 
 def _question(console: Console, interview: Interview) -> Question | None:
@@ -272,9 +249,9 @@ def _tell_notes(console: Console, accepted: Accepted) -> None:
         _print_indented(console, "Enter keeps this answer; or type another one, or back.", "dim")
 
 
-def _prompt(console: Console, text: str, ready: str) -> str:
+def _prompt(console: Console, ready: str) -> str:
     """Return the line that the person types, or the ready answer; asks again for an empty line where there is none."""
-    prompt = Text.assemble(f"{text} " if text else "", (f"[{ready}]" if ready else "", "cyan"), "> ")
+    prompt = Text.assemble((f"[{ready}]" if ready else "", "cyan"), "> ")
     while True:
         typed = console.input(prompt, markup=False).strip()
         if typed or ready:

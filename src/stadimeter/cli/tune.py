@@ -158,6 +158,6 @@ def _save(tuning: Tuning, rule: str, proposal: Proposal, marks: Sequence[FiringM
 
 def _refuse_if_changed(tuning: Tuning) -> None:
     place = tuning.configuration.path
-    if (theirs := read_untrusted_text(place, CONFIGURATION_MAX_BYTES)) != tuning.text:
+    if read_untrusted_text(place, CONFIGURATION_MAX_BYTES) != tuning.text:
         words = f"{place} was changed by another since it was read; nothing was saved: tune it again"
-        raise ChangedMeanwhileError(words, theirs, [])
+        raise ChangedMeanwhileError(words)

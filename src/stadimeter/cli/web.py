@@ -58,16 +58,6 @@ PasswordPath = Annotated[
     Path | None,
     typer.Option("--password-file", metavar="FILE", help="Where the passwords' hashes are; else beside CONFIG."),
 ]
-Certificate = Annotated[
-    Path | None, typer.Option("--certificate", metavar="FILE", help="Serve https, with this certificate (PEM).")
-]
-Key = Annotated[
-    Path | None, typer.Option("--key", metavar="FILE", help="The certificate's key (PEM, without a passphrase).")
-]
-AllowedHosts = Annotated[
-    list[str] | None,
-    typer.Option("--allow-host", metavar="NAME", help="Another name of this computer in browsers. Repeatable."),
-]
 SocketFile = Annotated[
     Path | None, typer.Option("--socket", metavar="PATH", help="The socket of the run; by default it is found.")
 ]
@@ -82,9 +72,6 @@ def web(
     metrics_token: MetricsToken = False,
     alarms_token: AlarmsToken = False,
     password_file: PasswordPath = None,
-    certificate: Certificate = None,
-    key: Key = None,
-    allow_host: AllowedHosts = None,
     socket: SocketFile = None,
 ) -> None:
     """Serve a page on which a browser sees, sets up and operates a run.
@@ -106,14 +93,7 @@ def web(
         if config is not None and config.is_dir():
             words = f"{config} is a folder; name the configuration in it, such as {config / 'stadimeter.toml'}"
             raise PageError(400, "no-configuration", words)
-        given = {
-            "host": address,
-            "port": port,
-            "certificate": certificate,
-            "key": key,
-            "password_file": password_file,
-            "allowed_hosts": allow_host,
-        }
+        given = {"host": address, "port": port, "password_file": password_file}
         options = _load_table(config).model_copy(
             update={name: each for name, each in given.items() if each is not None}
         )

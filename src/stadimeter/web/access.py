@@ -82,7 +82,7 @@ class Access:
         name = _host_name(given[0]) if len(given) == 1 else ""
         if name in self._hosts or _is_address_of_ours(name, scope):
             return
-        words = f"this page is not known as {name!r}; if that name is yours, start it with `--allow-host {name}`"
+        words = f"this page is not known as {name!r}; if that name is yours, write it into `allowed_hosts` of `[web]`"
         raise PageError(400, "unknown-host", words if name else "a request names one host")
 
     def right_of(self, scope: Scope) -> Right:

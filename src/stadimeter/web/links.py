@@ -72,8 +72,6 @@ def refusal(answer: Mapping[str, Any]) -> PageError:
     """Return the error that an answer is."""
     code = str(answer.get("code") or "refused")
     details = {key: value for key, value in answer.items() if key not in _OF_THE_FRAMING}
-    more = answer.get("data")
-    details |= more if isinstance(more, dict) else {}
     return PageError(STATUS_OF_CODE.get(code, 400), code, str(answer.get("error", "refused")), details)
 
 
@@ -198,14 +196,12 @@ async def _open(path: Path) -> _Streams:
 # The link to the workbench: starts its process when it is first needed, and asks over its pipe ----
 
 
-# The process ends after this long without a question: what it has loaded takes a small Pi a third of its memory.
-IDLE_MAX_S = 300.0
+# The process ends after this long without a question, and lets go of its camera: what it has loaded takes a small Pi a
+# third of its memory.
+IDLE_MAX_S = 120.0
 
 # It is given this long to close its camera when it shall end.
 END_WAIT_S = 2.0
-
-# As many questions may wait for it; it answers one after the other.
-WAITING_MAX = 32
 
 
 class WorkbenchLink:
@@ -221,15 +217,11 @@ class WorkbenchLink:
         self._command = tuple(command)
         self._process: Process | None = None
         self._turn = asyncio.Lock()
-        self._waiting = 0
         self._idle: asyncio.TimerHandle | None = None
         self._work: set[asyncio.Task[Any]] = set()
 
     async def ask(self, op: str, args: Mapping[str, Any], wait_s: float) -> PageAnswer:
         """Ask for an operation; `PageError` if it is refused, takes too long, or its process dies."""
-        if self._waiting >= WAITING_MAX:
-            raise PageError(503, "busy", f"{WAITING_MAX} questions wait already for the workbench; try again later")
-        self._waiting += 1
         # Whoever asked may hang up: the answer is read all the same, or it would be the next one's.
         return await asyncio.shield(self._begin(self._ask(op, args, wait_s)))
 
@@ -246,11 +238,8 @@ class WorkbenchLink:
         return task
 
     async def _ask(self, op: str, args: Mapping[str, Any], wait_s: float) -> PageAnswer:
-        try:
-            async with self._turn:
-                return await self._answer(op, args, wait_s)
-        finally:
-            self._waiting -= 1
+        async with self._turn:
+            return await self._answer(op, args, wait_s)
 
     async def _answer(self, op: str, args: Mapping[str, Any], wait_s: float) -> PageAnswer:
         if self._idle is not None:
@@ -286,8 +275,7 @@ class WorkbenchLink:
         return reader, writer
 
     def _rest(self) -> None:
-        if not self._waiting:
-            self._begin(self._end_in_turn())
+        self._begin(self._end_in_turn())
 
     async def _end_in_turn(self) -> None:
         async with self._turn:

@@ -11,7 +11,6 @@ import tempfile
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from ipaddress import IPv6Address, ip_address, ip_network
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -120,28 +119,20 @@ def _parse_passwords(text: bytes) -> Passwords:
 
 
 def _write(path: Path, passwords: Passwords) -> None:
+    """Replace the file at once. It belongs to the owner of its folder, also where root writes it for a service."""
     told: dict[str, Any] = {"scrypt": passwords.scrypt, "salt": passwords.salt.hex(), "key": passwords.key.hex()}
     told |= {name: hashed.hex() for name, hashed in passwords.hashes.items()}
     try:
-        _replace(path, json.dumps(told) + "\n")
-    except OSError as error:
-        raise PageError(400, "password", f"{path}: cannot be written: {error.strerror or error}") from error
-
-
-def _replace(path: Path, text: str) -> None:
-    """Replace the file at once. It belongs to the owner of its folder, also where root writes it for a service."""
-    with tempfile.NamedTemporaryFile("w", dir=path.parent, prefix=f".{path.name}-", delete=False) as file:
-        try:
-            file.write(text)
+        with tempfile.NamedTemporaryFile("w", dir=path.parent, prefix=f".{path.name}-", delete=False) as file:
+            json.dump(told, file)
             file.flush()
             os.fsync(file.fileno())
             if os.getuid() == 0:
                 owner = path.parent.stat()
                 os.chown(file.fileno(), owner.st_uid, owner.st_gid)
             Path(file.name).replace(path)
-        except BaseException:
-            Path(file.name).unlink(missing_ok=True)
-            raise
+    except OSError as error:
+        raise PageError(400, "password", f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def _signature(path: Path) -> tuple[int, ...] | None:
@@ -184,8 +175,8 @@ class Attempts:
         Raises:
             PageError: It is too early; it says how long to wait.
         """
-        now_s, of = self._clock(), network_of(address)
-        count, until_s = self._failures.get(of, (0, now_s))
+        now_s = self._clock()
+        count, until_s = self._failures.get(address, (0, now_s))
         if now_s > until_s + FORGOTTEN_S:
             count = 0
         left_s = ceil(until_s - now_s)
@@ -195,8 +186,8 @@ class Attempts:
         count += 1
         doubled = 2.0 ** min(count - FREE, 20)
         wait_s = min(MAX_WAIT_S, FIRST_WAIT_S * doubled) if count >= FREE else 0.0
-        self._failures[of] = (count, now_s + wait_s)
-        self._failures.move_to_end(of)
+        self._failures[address] = (count, now_s + wait_s)
+        self._failures.move_to_end(address)
         if len(self._failures) > ADDRESSES_MAX:
             self._failures.popitem(last=False)
 
@@ -207,17 +198,6 @@ class Attempts:
             forgets: Whether those are forgotten. Not for a password that there is more to gain than: its owner could
                 guess that other one without a wait, with theirs in between.
         """
-        count, _ = self._failures.pop(network_of(address), (1, 0.0))
+        count, _ = self._failures.pop(address, (1, 0.0))
         if count > 1 and not forgets:
-            self._failures[network_of(address)] = (count - 1, self._clock())
-
-
-def network_of(address: str) -> str:
-    """Return the range of addresses that one computer may have: of version 6, any of its network."""
-    try:
-        found = ip_address(address.partition("%")[0])
-    except ValueError:
-        return address
-    if isinstance(found, IPv6Address) and found.ipv4_mapped is None:
-        return str(ip_network((found, 64), strict=False))
-    return str(getattr(found, "ipv4_mapped", None) or found)
+            self._failures[address] = (count - 1, self._clock())

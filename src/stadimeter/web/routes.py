@@ -14,8 +14,10 @@ from msgspec import Struct, field
 
 from stadimeter.operator_actions import OperatorAction, Takes
 
+# Of a request: a configuration with its camera file fits in.
+BODY_MAX_BYTES = 4 * 1024 * 1024
+
 # Time-outs of a cycle of the run, of a check of a configuration, of the workbench, and of a whole recording.
-KIB, MIB = 1024, 1024 * 1024
 RUN_WAIT_S, CHECK_WAIT_S, WORKBENCH_WAIT_S, LONG_WAIT_S = 10.0, 60.0, 60.0, 300.0
 
 Method = Literal["GET", "POST", "PUT", "DELETE"]
@@ -40,7 +42,6 @@ class PageOperation(Struct, frozen=True, kw_only=True):
         answer: The table of ``docs/openapi.toml`` that describes the answer.
         query: The names of the query that are handed on, each with its kind, as in ``docs/openapi.toml``.
         body: The keys of the body with their kinds, or the name of a table; None where no body is described.
-        body_max: In bytes; 0 where no body is read. Its keys are handed on.
         wait_s: How long the answer may take.
         media: The kind of the answer's bytes; empty where the answer is JSON.
         names_operator: Whether the operation gets the operator's name, as ``by``.
@@ -57,7 +58,6 @@ class PageOperation(Struct, frozen=True, kw_only=True):
     answer: str = "Anything"
     query: Mapping[str, str] = field(default_factory=dict)
     body: str | Mapping[str, str] | None = None
-    body_max: int = 0
     wait_s: float = RUN_WAIT_S
     media: str = ""
     names_operator: bool = False
@@ -71,7 +71,7 @@ class PageOperation(Struct, frozen=True, kw_only=True):
 
 
 def _own(method: Method, path: str, right: Right, op: str, summary: str = "", **more: Any) -> PageOperation:
-    how: dict[str, Any] = {"body_max": 4 * KIB if method == "POST" else 0, "wait_s": CHECK_WAIT_S, **more}
+    how: dict[str, Any] = {"wait_s": CHECK_WAIT_S, **more}
     return PageOperation(method=method, path=path, right=right, to="own", op=op, summary=summary, **how)
 
 
@@ -82,17 +82,16 @@ def _read(path: str, op: str, summary: str, answer: str, **more: Any) -> PageOpe
 
 
 def _run(path: str, op: str, summary: str, **more: Any) -> PageOperation:
-    how: dict[str, Any] = {"right": Right.OPERATE, "to": "run", "body_max": 64 * KIB, **more}
+    how: dict[str, Any] = {"right": Right.OPERATE, "to": "run", **more}
     return PageOperation(method="POST", path=f"/api/v1/{path}", op=op, summary=summary, **how)
 
 
 def _set_up(step: str, op: str, summary: str) -> PageOperation:
-    return _desk("POST", f"setup/{step}", op, summary, body="Anything", body_max=256 * KIB)
+    return _desk("POST", f"setup/{step}", op, summary, body="Anything")
 
 
 def _desk(method: Method, path: str, op: str, summary: str, **more: Any) -> PageOperation:
-    body_max = 4 * MIB - 16 * KIB if method in {"POST", "PUT"} else 0
-    how: dict[str, Any] = {"right": Right.OPERATE, "body_max": body_max, "wait_s": WORKBENCH_WAIT_S, **more}
+    how: dict[str, Any] = {"right": Right.OPERATE, "wait_s": WORKBENCH_WAIT_S, **more}
     return PageOperation(method=method, path=f"/api/v1/{path}", to="workbench", op=op, summary=summary, **how)
 
 
@@ -207,7 +206,6 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         "GET", "/api/v1/recordings/{name}", Right.OPERATE, "download", "A recording as a file",
         media="application/octet-stream",
     ),
-    _desk("GET", "recordings/{name}/about", "recordings.recording", "What is in a recording", wait_s=LONG_WAIT_S),
     _desk(
         "GET", "recordings/{name}/frame.jpg", "recordings.recording_frame",
         "A moment of a recording, with its values in X-Values",
@@ -243,7 +241,7 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
     _desk(
         "POST", "targets/{target}/colour", "colours.keep",
         "Save a range of colours; 409 if another has changed the file",
-        body={"range": "text", "base_version": "text"}, body_max=4 * KIB,
+        body={"range": "text", "base_version": "text"},
     ),
     _desk("GET", "setup", "setup_operations.state", "Where the set-up stands", answer="Setup"),
     _set_up("answer", "setup_operations.answer", "Answer the question"),

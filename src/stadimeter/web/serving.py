@@ -32,7 +32,7 @@ from stadimeter.web.access import AccessGuard, is_loopback
 from stadimeter.web.answers import as_error, as_json, as_picture, bounded_body
 from stadimeter.web.page import Page, PageOptions, login_form
 from stadimeter.web.passwords import PasswordFile
-from stadimeter.web.routes import PAGE_OPERATIONS, PageOperation, Right
+from stadimeter.web.routes import BODY_MAX_BYTES, PAGE_OPERATIONS, PageOperation, Right
 
 # The page as an application: every path of the table, and who may go there ------------------------
 
@@ -102,7 +102,7 @@ def _query(request: Request, operation: PageOperation) -> dict[str, Any]:
 
 
 async def _body(request: Request, operation: PageOperation) -> Mapping[str, Any]:
-    text = await bounded_body(request, operation.body_max) if operation.body_max else b""
+    text = await bounded_body(request, BODY_MAX_BYTES) if operation.changes else b""
     if not text:
         return {}
     try:
@@ -166,8 +166,6 @@ def listen(address: str | None, port: int, passwords: Path) -> socket.socket:
 
 def check_certificate(certificate: Path | None, key: Path | None) -> None:
     """See that a certificate and its key can be used; `PageError` says why not."""
-    if (certificate is None) is not (key is None):
-        raise PageError(400, "certificate", "--certificate and --key belong together: give both, or none")
     if certificate is None or key is None:
         return
     try:

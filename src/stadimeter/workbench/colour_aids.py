@@ -14,7 +14,7 @@ import numpy as np
 
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
-from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.protocol import ColourSample, ColourView, ProposesColour
 from stadimeter.errors import ConfigError, Problem
@@ -78,27 +78,22 @@ def colour_picture(image: Image, view: ColourView, colour: str) -> Image:
     return annotate(np.asarray(shown, np.uint8), [mark])
 
 
-def range_figures(view: ColourView, ball: Detection) -> dict[str, Any]:
-    """Return the figures that a range gives on a ball and on the rest of a picture, as JSON has it.
-
-    Args:
-        view: What the range shows.
-        ball: Where the ball is; as it is found with another range where this one finds none.
-    """
+def range_figures(view: ColourView) -> dict[str, Any]:
+    """Return the figures that a range gives on the ball that it shows, and on the rest of a picture, as JSON has it."""
+    ball = view.detection
     has_ball, inside = len(ball.outline_px) >= MIN_OUTLINE, np.zeros_like(view.mask)
     if has_ball:
         hull = cv2.convexHull(np.round(ball.outline_px).astype(np.int32))
         cv2.fillConvexPoly(inside, hull, 255)
     on_ball, in_all, ball_px = (int(np.count_nonzero(each)) for each in (view.mask & inside, view.mask, inside))
-    found = view.detection
-    is_found = found.status is not DetectionStatus.NOT_FOUND
+    is_found = ball.status is not DetectionStatus.NOT_FOUND
     return {
         "ball_share": on_ball / ball_px if has_ball else None,
         "elsewhere_px": in_all - on_ball,
         "elsewhere_share": (in_all - on_ball) / max(1, inside.size - ball_px),
         "is_found": is_found,
         # The size alone: what the lens and the ball's own size add is the same for every range.
-        "sigma_share": found.size_sigma_px / found.width_px if is_found and found.width_px else None,
+        "sigma_share": ball.size_sigma_px / ball.width_px if is_found and ball.width_px else None,
     }
 
 

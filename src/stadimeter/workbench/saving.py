@@ -10,7 +10,6 @@ import re
 import shutil
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from itertools import zip_longest
 from pathlib import Path
 
 from msgspec import Struct
@@ -19,7 +18,6 @@ from stadimeter.config.files import (
     CONFIGURATION_MAX_BYTES,
     holds,
     read_untrusted_text,
-    size_text,
     write_all_atomically,
     write_atomically,
 )
@@ -36,7 +34,6 @@ _ID = re.compile(r"(\d{4,9})-(\d{8}T\d{6}Z)")
 _STAMP = "%Y%m%dT%H%M%SZ"
 _PART = r"(?!\.)[^/\x00-\x1f\x7f\ud800-\udfff]+"
 _NAME = re.compile(rf"{_PART}(/{_PART})*")
-_WORDS_MAX = 80
 
 
 class Version(Struct, frozen=True):
@@ -133,21 +130,6 @@ def files_of(file: Path, version: str) -> dict[str, str]:
         raise NotThereError(f"there is no version {version!r} in {file.parent / VERSIONS}")
     found = {name: kept for each in reversed(later) for name, kept in each.files().items()}
     return {name: read_untrusted_text(kept, CONFIGURATION_MAX_BYTES) for name, kept in found.items()}
-
-
-def difference_in_words(former: str, later: str) -> str:
-    """Say how large a version is, and which line of it was the first that changed."""
-    size = size_text(len(former.encode())) if len(former) >= 1000 else f"{len(former.encode())} bytes"
-    for number, (old, new) in enumerate(zip_longest(former.split("\n"), later.split("\n")), start=1):
-        if old != new:
-            was = "was not there" if old is None else f"was: {_short(old)}"
-            return f"{size}; line {number} {was}"
-    return f"{size}; the same text"
-
-
-def _short(line: str) -> str:
-    line = line.strip() or "(empty)"
-    return line if len(line) <= _WORDS_MAX else f"{line[: _WORDS_MAX - 1]}…"
 
 
 def _number(version: str) -> int:

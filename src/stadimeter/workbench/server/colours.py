@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.loader import Configuration
-from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.detection import Detection
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
 from stadimeter.detectors.protocol import ProposesColour
@@ -30,7 +30,7 @@ def picture(desk: Desk, target: str, range_: str = "", width_px: int = 0) -> Des
     it gives.
     """
     text = saved_text(desk) or ""
-    saved, tried = _load_tried(desk, text, target, range_)
+    tried = _load_tried(desk, text, target, range_)
     options: object = next((each.options for each in tried.targets if each.name == target), None)
     colour = str(getattr(options, "hsv", None) or "")
     if not isinstance(options, ProposesColour) or not colour or tried.camera_model is None:
@@ -40,9 +40,7 @@ def picture(desk: Desk, target: str, range_: str = "", width_px: int = 0) -> Des
     frame = camera.latest(SETTLING_WAIT_S)
     found, measured = _look(tried, target, frame)
     view = replace(options.view_colour(frame, colour), detection=found)
-    # Where the tried range finds no ball, the saved one says where it is.
-    ball = found if found.status is not DetectionStatus.NOT_FOUND else _look(saved, target, frame)[0]
-    shown = {"colour": colour, "version": version_of(text), "range": range_figures(view, ball)}
+    shown = {"colour": colour, "version": version_of(text), "range": range_figures(view)}
     values = {**describe_picture(frame, found, measured), **shown}
     return DeskReply(data=values, attached=encode_jpeg(colour_picture(frame.image, view, colour), width_px))
 
@@ -56,14 +54,15 @@ def keep(desk: Desk, target: str, range_: str, base_version: str = "") -> dict[s
     return reply
 
 
-def _load_tried(desk: Desk, text: str, target: str, colour: str) -> tuple[Configuration, Configuration]:
-    """Return the saved configuration, and that with the range which is tried; loaded anew where one has changed."""
+def _load_tried(desk: Desk, text: str, target: str, colour: str) -> Configuration:
+    """Return the configuration with the range that is tried, or the saved one; loaded anew where it has changed."""
     wanted = (text, target, colour)
-    if desk.kept.get("colours", ((), ()))[0] != wanted:
-        saved = load_text(desk, text)
-        tried = load_text(desk, with_range(text, saved.spans, target, colour)) if colour else saved
-        desk.kept["colours"] = wanted, (saved, tried)
-    found: tuple[Configuration, Configuration] = desk.kept["colours"][1]
+    if desk.kept.get("colours", ((), None))[0] != wanted:
+        tried = load_text(desk, text)
+        if colour:
+            tried = load_text(desk, with_range(text, tried.spans, target, colour))
+        desk.kept["colours"] = wanted, tried
+    found: Configuration = desk.kept["colours"][1]
     return found
 
 

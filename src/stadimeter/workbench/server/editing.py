@@ -5,7 +5,6 @@ A text is checked as if it stood at the place of the configuration. Nothing is w
 
 from __future__ import annotations
 
-import difflib
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,7 +23,7 @@ from stadimeter.config.toml_source import Texts
 from stadimeter.config.units import path_from
 from stadimeter.errors import ChangedMeanwhileError, ConfigError, ControlError, Problem, UnreadableError
 from stadimeter.workbench.rule_tests import RuleTestResult, run_rule_test
-from stadimeter.workbench.saving import check_is_not_ours, difference_in_words, files_of, save_files, versions
+from stadimeter.workbench.saving import check_is_not_ours, files_of, save_files, versions
 from stadimeter.workbench.server.operations import Desk, operation
 from stadimeter.workbench.server.run_of_desk import run_socket
 
@@ -41,7 +40,7 @@ def configuration(desk: Desk) -> dict[str, Any]:
         "version": version_of(saved),
         "path": str(desk.configuration),
         "exists": saved is not None,
-        "versions": _versions(desk, saved or ""),
+        "versions": [{"id": each.id, "unix_s": each.unix_s} for each in versions(desk.configuration)],
     }
 
 
@@ -51,12 +50,11 @@ def check(desk: Desk, text: str, files: dict[str, str] | None = None, *, tests: 
     try:
         found = load_text(desk, text, files)
     except ConfigError as error:
-        return {"problems": _list_problems(error.problems, "error"), "words": [], "rules": [], "tests": []}
+        return {"problems": _list_problems(error.problems, "error"), "words": [], "tests": []}
     warnings = (*found.warnings, *feasibility_warnings(found), *warnings_here(found))
     return {
         "problems": _list_problems(warnings, "warning"),
         "words": list(describe(found)),
-        "rules": _rule_lines(found),
         "tests": _run_tests(found) if tests else [],
     }
 
@@ -121,10 +119,6 @@ def _list_problems(problems: tuple[Problem, ...], severity: str) -> list[dict[st
     return [{**plain(problem), "severity": severity} for problem in sorted(problems, key=lambda each: each.line)]
 
 
-def _rule_lines(found: Configuration) -> list[dict[str, Any]]:
-    return [{"rule": rule.name, "line": found.spans["rules", rule.name].line} for rule in found.plan.rules]
-
-
 def _run_tests(found: Configuration) -> list[dict[str, Any]]:
     until_s = time.monotonic() + TESTS_MAX_S
     return [
@@ -163,27 +157,8 @@ def refuse_if_changed(desk: Desk, base_version: str, ours: str) -> None:
     if version_of(theirs) == base_version or theirs == ours:
         return
     if theirs is None:
-        raise ChangedMeanwhileError(f"{desk.configuration} is not there any more; save again to write it anew", "", [])
-    words = f"{desk.configuration} was changed by another since you read it; nothing was saved"
-    raise ChangedMeanwhileError(words, theirs, _diff(theirs, ours))
-
-
-def _diff(theirs: str, ours: str) -> list[str]:
-    """List what saving ours would change in theirs, in the unified format."""
-    return [*difflib.unified_diff(theirs.split("\n"), ours.split("\n"), "saved meanwhile", "yours", lineterm="")]
-
-
-def _versions(desk: Desk, text: str) -> list[dict[str, Any]]:
-    told, later = [], text
-    for each in versions(desk.configuration):
-        try:
-            former = read_untrusted_text(each.folder / desk.configuration.name, CONFIGURATION_MAX_BYTES)
-        except UnreadableError as error:
-            words = f"it cannot be read: {error.reason}"
-        else:
-            words, later = difference_in_words(former, later), former
-        told.append({"id": each.id, "unix_s": each.unix_s, "words": words})
-    return told
+        raise ChangedMeanwhileError(f"{desk.configuration} is not there any more; save again to write it anew")
+    raise ChangedMeanwhileError(f"{desk.configuration} was changed by another since you read it; nothing was saved")
 
 
 def _find_need(desk: Desk, files: Mapping[str, str]) -> str:

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-from msgspec import Struct, ValidationError, convert, defstruct, field
+from msgspec import Struct, convert, defstruct, field
 from msgspec.structs import asdict
 
 from stadimeter.errors import ConfigError
@@ -35,13 +35,13 @@ class Desk(Struct, kw_only=True):
         configuration: The file that the page is for; it need not be there yet.
         run_socket: Where the run of that configuration listens; None to look for it each time.
         kept: What an operation remembers for the next one, by the module that remembers it.
-        at_rest: What to do when nothing was asked for a while, and at the end: such as to close a camera.
+        at_end: What to do at the end, such as to close a camera.
     """
 
     configuration: Path
     run_socket: Path | None = None
     kept: dict[str, Any] = field(default_factory=dict)
-    at_rest: list[Callable[[], None]] = field(default_factory=list)
+    at_end: list[Callable[[], None]] = field(default_factory=list)
 
 
 # Raises `StadimeterError`; the sentence is shown on the page. An error of another kind is a defect.
@@ -68,9 +68,7 @@ def operation(function: FunctionT) -> FunctionT:
         try:
             json.dumps(args, ensure_ascii=False, allow_nan=False).encode()
             given = convert(args, arguments)
-        except ValueError as error:  # JSON can write both, and no file can hold them
-            raise ConfigError(f"half of a character, or a number without bounds, cannot be used: {error}") from error
-        except ValidationError as error:
+        except ValueError as error:  # half of a character and infinity too: no file can hold them
             raise ConfigError(f"this cannot be asked for: {error}") from error
         reply = function(desk, **asdict(given))
         return reply if isinstance(reply, DeskReply) else DeskReply(data=reply)

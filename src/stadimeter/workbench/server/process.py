@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import select
 import signal
 import sys
 import traceback
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -19,36 +17,19 @@ from stadimeter.app.control.client import encode_answer
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.server.operations import Desk, find_operation
 
-# If nothing was asked for this long, a camera is not held any longer.
-REST_AFTER_S = 60.0
 
-
-def serve(desk: Desk, requests: BinaryIO, answers: BinaryIO, rest_after_s: float = REST_AFTER_S) -> None:
+def serve(desk: Desk, requests: BinaryIO, answers: BinaryIO) -> None:
     """Answer requests until there are no more, or the reader of the answers is gone."""
     try:
-        for line in _lines(desk, requests, rest_after_s):
+        for line in requests:
             answers.write(_answer_request(desk, line))
             answers.flush()
     except BrokenPipeError:
         pass
     finally:
-        _rest(desk)
-
-
-def _rest(desk: Desk) -> None:
-    for each in desk.at_rest:
-        with suppress(StadimeterError):
-            each()
-
-
-def _lines(desk: Desk, requests: BinaryIO, rest_after_s: float) -> Iterator[bytes]:
-    """Yield each line. The page sends the next one only once this one is answered, so none waits in the buffer."""
-    while True:
-        if not select.select([requests], [], [], rest_after_s)[0]:
-            _rest(desk)
-        if not (line := requests.readline()):
-            return
-        yield line
+        for each in desk.at_end:
+            with suppress(StadimeterError):
+                each()
 
 
 def _answer_request(desk: Desk, line: bytes) -> bytes:
@@ -78,7 +59,7 @@ def _request(line: bytes) -> tuple[Any, str, dict[str, Any]]:
 
 def error_fields(error: StadimeterError) -> dict[str, Any]:
     """Return an error as an answer has it."""
-    more = {key: to_builtins(value) for key in ("code", "data", "problems") if (value := getattr(error, key, None))}
+    more = {key: to_builtins(value) for key in ("code", "problems") if (value := getattr(error, key, None))}
     return {"status": "error", "error": str(error), **more}
 
 

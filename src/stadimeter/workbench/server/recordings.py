@@ -26,7 +26,7 @@ from stadimeter.config.files import open_untrusted
 from stadimeter.core.detection import Detection, DetectionStatus, Points
 from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, JournalError, NotThereError, StadimeterError
-from stadimeter.workbench.replay import RecordedMoment, RecordingIndex, read_index, read_recording
+from stadimeter.workbench.replay import RecordedMoment, RecordingIndex, read_index
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.run_of_desk import folder_of
 
@@ -46,15 +46,6 @@ def recordings(desk: Desk) -> dict[str, Any]:
         with suppress(FileNotFoundError):  # deleted since, or removed by a run that recorded nothing
             listed.append(about(desk, path))
     return {"folder": str(folder), "recordings": listed, "left_out": max(0, len(newest) - LISTED_MAX)}
-
-
-@operation
-def recording(desk: Desk, name: str) -> dict[str, Any]:
-    """Answer what there is to say about one recording; with its configuration and where it is."""
-    path = path_of(desk, name)
-    told = about(desk, path)
-    header = None if told["damage"] and not told["seconds"] else read_recording(path).header
-    return {**told, "path": str(path), "text": header.configuration if header else ""}
 
 
 @operation

@@ -21,7 +21,7 @@ from stadimeter.config.units import HEADER, TAKEN
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError, StadimeterError
-from stadimeter.workbench.colour_aids import NOTHING_STANDS_OUT, colour_picture
+from stadimeter.workbench.colour_aids import NOTHING_STANDS_OUT, colour_picture, range_figures
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S, source_beside_run
 from stadimeter.workbench.picture_metadata import better_exposure_s
 from stadimeter.workbench.printing import svg_of
@@ -33,7 +33,7 @@ from stadimeter.workbench.setup.camera_step import CameraStep, HeldCamera, table
 from stadimeter.workbench.setup.colour_step import ColourTrial
 from stadimeter.workbench.setup.files import configuration_files, parts_of_answers
 from stadimeter.workbench.setup.interview import ANSWERS, Interview, load_answers, was_left
-from stadimeter.workbench.setup.question import CONFIGURATION, Accepted, Known, Question, SetupStep
+from stadimeter.workbench.setup.question import CONFIGURATION, Known, Question, SetupStep
 from stadimeter.workbench.setup.recipe_steps import BlankStep, RecipeStep, recipe_steps
 from stadimeter.workbench.setup.recipes import SCREEN, part_table
 from stadimeter.workbench.setup.target import KindStep, TargetStep, kind_steps
@@ -44,107 +44,50 @@ class SetupDesk:
     """An interview that may be left and taken up again; its answers are in the folder of the configuration.
 
     Attributes:
+        begun: The interview; None before it has begun.
         trial: The range of colours that is tried.
         shown: The picture that was shown last, which clicks are about; None before the first.
+        offered: A camera that is looked through before it is chosen.
+        doubt: What there is to say of an answer that is asked again.
+        notes: What followed from each answer, by its key.
+        trouble: Why an earlier answer is asked again.
     """
 
     def __init__(self, configuration: Path, run_socket: Path | None = None) -> None:
         self.folder = configuration.parent
         self.camera = HeldCamera(partial(source_beside_run, configuration=configuration, socket=run_socket))
+        self.begun: Interview | None = None
         self.trial = ColourTrial()
         self.shown: Frame | None = None
-        self._configuration = configuration
-        self._interview: Interview | None = None
-        self._offered: DriverChoice | None = None
-        self._doubt: tuple[str, ...] = ()
-        self._notes: dict[str, tuple[str, ...]] = {}
-        self._trouble = ""
+        self.offered: DriverChoice | None = None
+        self.doubt: tuple[str, ...] = ()
+        self.notes: dict[str, tuple[str, ...]] = {}
+        self.trouble = ""
 
     @property
     def interview(self) -> Interview:
         """The interview; a `ConfigError` before it has begun."""
-        if self._interview is None:
+        if self.begun is None:
             raise ConfigError("the set-up has not begun; begin it first")
-        return self._interview
+        return self.begun
 
     @property
-    def known(self) -> Known:
-        """The facts known so far; a `ConfigError` before the set-up has begun."""
-        return self.interview.known
+    def saved(self) -> Mapping[str, str]:
+        """The answers that are kept."""
+        file = self.folder / ANSWERS
+        return load_answers(file) if file.exists() else {}
 
-    def state(self) -> Mapping[str, Any]:
-        """Return the answers so far and the next question, as JSON has them."""
-        interview = self._interview
-        question = self._next_question(interview) if interview else None
-        answers = interview.known.answers if interview else self._saved()
-        return {
-            "begun": interview is not None,
-            "left": interview is None and was_left(self._file, self._configuration),
-            "folder": str(self.folder),
-            "answers": [
-                {"key": key, "answer": answer, "notes": list(self._notes.get(key, ()))}
-                for key, answer in answers.items()
-            ],
-            "question": _as_json(interview, question) if interview and question else None,
-            "room": self.camera.room.where() if self.camera.room else None,
-            "doubt": {"notes": list(self._doubt)} if self._doubt else None,
-            "trouble": self._trouble,
-            "done": interview is not None and question is None,
-        }
-
-    def begin(self, *, anew: bool) -> None:
-        """Begin, or go on where it was left.
-
-        Args:
-            anew: Whether to ask everything again, with the answers of the last time ready.
-        """
-        check_is_not_ours(self._configuration)
-        self.leave()
-        saved = self._saved()
-        known = Known(folder=self.folder, opening=self.camera.hold, looks_ahead=False)
-        if anew or not was_left(self._file, self._configuration):
-            self._interview = Interview(self.folder, earlier=saved, known=known)
-            return
-        self._interview = Interview(self.folder, known=known)
-        for key, accepted in self._interview.resume(saved):
-            self._notes[key] = accepted.notes
-
-    def answer(self, text: str, *, confirm: bool) -> Accepted:
-        """Answer the question; see `Interview.answer`."""
-        key = self.interview.next_key
-        accepted = self.interview.answer(text, confirm=confirm)
-        self._moved_on()
-        self._doubt = accepted.notes if accepted.doubt else ()
-        if not accepted.doubt:
-            self._notes[key] = accepted.notes
-        return accepted
-
-    def back(self) -> bool:
-        """Take back the last answer; return whether there was one."""
-        self._moved_on()
-        return self.interview.back()
+    def move_on(self) -> None:
+        """Forget what was about the question that was asked."""
+        self.offered, self.doubt, self.trouble = None, (), ""
 
     def leave(self) -> None:
         """Close the camera, and keep the answers."""
         self.camera.close()
-        self._moved_on()
-        self._interview, self.shown = None, None
-        self._notes.clear()
-        self.trial.forget()
-
-    def offer(self, text: str) -> DriverChoice:
-        """Look through a camera that is not chosen yet; what an answer names.
-
-        Raises:
-            StadimeterError: There is no such camera, or it gives no picture.
-        """
-        if self.interview.next_key != CameraStep.key:
-            raise ConfigError("the camera is chosen already; go back to that question to choose another")
-        choice = self.known.choose(CAMERA, ("camera",), table_of(text))
-        with self.camera.hold(choice) as source:
-            self.shown = source.capture.latest(SETTLING_WAIT_S)
-        self._offered = choice
-        return choice
+        self.move_on()
+        self.begun, self.shown = None, None
+        self.notes.clear()
+        self.trial = ColourTrial()
 
     def newest(self) -> Frame:
         """Return the picture that the camera sees now, or one of a recording.
@@ -153,36 +96,27 @@ class SetupDesk:
             ConfigError: No camera has been chosen.
             DriverError: It gives no picture.
         """
-        choice = self._offered or self.known.camera
+        known = self.interview.known
+        choice = self.offered or known.camera
         if choice is None:
             raise ConfigError("no camera has been chosen yet")
-        if self._offered is None and not self.known.is_live:
-            self.shown = self.known.frame
+        if self.offered is None and not known.is_live:
+            self.shown = known.frame
             return self.shown
         with self.camera.hold(choice) as source:
             self.shown = source.capture.latest(SETTLING_WAIT_S)
         return self.shown
 
-    def _moved_on(self) -> None:
-        self._offered, self._doubt, self._trouble = None, (), ""
-
-    def _next_question(self, interview: Interview) -> Question | None:
+    def next_question(self) -> Question | None:
         """Return the next question; where an earlier answer is of no use any more, that one is asked again."""
-        while interview.next_key:
+        while self.begun is not None and self.begun.next_key:
             try:
-                return interview.question()
+                return self.begun.question()
             except StadimeterError as error:
-                self._trouble = str(error)
-                if not interview.back():
+                self.trouble = str(error)
+                if not self.begun.back():
                     raise
         return None
-
-    def _saved(self) -> Mapping[str, str]:
-        return load_answers(self._file) if self._file.exists() else {}
-
-    @property
-    def _file(self) -> Path:
-        return self.folder / ANSWERS
 
 
 # Questions whose options leave others open, which one form asks together with them.
@@ -213,23 +147,44 @@ def setup_of(desk: Desk) -> SetupDesk:
     """Return the set-up of a workbench process."""
     if "setup" not in desk.kept:
         desk.kept["setup"] = made = SetupDesk(desk.configuration, desk.run_socket)
-        desk.at_rest.append(made.camera.close)
+        desk.at_end.append(made.camera.close)
     found: SetupDesk = desk.kept["setup"]
     return found
 
 
 @operation
-def state(desk: Desk) -> Mapping[str, Any]:
+def state(desk: Desk) -> dict[str, Any]:
     """Answer the answers so far, and the question that is next."""
-    return setup_of(desk).state()
+    setup = setup_of(desk)
+    question, interview = setup.next_question(), setup.begun
+    answers = interview.known.answers if interview else setup.saved
+    return {
+        "begun": interview is not None,
+        "folder": str(setup.folder),
+        "answers": [
+            {"key": key, "answer": answer, "notes": list(setup.notes.get(key, ()))} for key, answer in answers.items()
+        ],
+        "question": _as_json(interview, question) if interview and question else None,
+        "room": setup.camera.room.where() if setup.camera.room else None,
+        "doubt": {"notes": list(setup.doubt)} if setup.doubt else None,
+        "trouble": setup.trouble,
+        "done": interview is not None and question is None,
+    }
 
 
 @operation
-def begin(desk: Desk, *, anew: bool = False) -> Mapping[str, Any]:
-    """Begin, or go on where it was left."""
+def begin(desk: Desk, *, anew: bool = False) -> dict[str, Any]:
+    """Begin, or go on where it was left; ``anew`` asks everything again, with the answers of the last time ready."""
+    check_is_not_ours(desk.configuration)
     setup = setup_of(desk)
-    setup.begin(anew=anew)
-    return setup.state()
+    setup.leave()
+    saved = setup.saved
+    known = Known(folder=setup.folder, opening=setup.camera.hold, looks_ahead=False)
+    goes_on = not anew and was_left(setup.folder / ANSWERS, desk.configuration)
+    setup.begun = Interview(setup.folder, earlier={} if goes_on else saved, known=known)
+    if goes_on:
+        setup.notes = {key: accepted.notes for key, accepted in setup.begun.resume(saved)}
+    return state(desk)
 
 
 @operation
@@ -239,30 +194,37 @@ def answer(desk: Desk, answer: str, question: str | None = None, *, confirm: boo
     With ``question``, its key, no other question is answered: another device may have gone on.
     """
     setup = setup_of(desk)
-    if question is not None and question != setup.interview.next_key:
+    key = setup.interview.next_key
+    if question is not None and question != key:
         raise ConfigError("another question is asked now: the set-up went on, on another device")
-    accepted = setup.answer(answer, confirm=confirm)
-    return {**setup.state(), "notes": list(accepted.notes)}
+    accepted = setup.interview.answer(answer, confirm=confirm)
+    setup.move_on()
+    if accepted.doubt:
+        setup.doubt = accepted.notes
+    else:
+        setup.notes[key] = accepted.notes
+    return {**state(desk), "notes": list(accepted.notes)}
 
 
 @operation
-def back(desk: Desk) -> Mapping[str, Any]:
+def back(desk: Desk) -> dict[str, Any]:
     """Take back the last answer."""
     setup = setup_of(desk)
-    if not setup.back():
+    setup.move_on()
+    if not setup.interview.back():
         raise ConfigError("this is the first question")
-    return setup.state()
+    return state(desk)
 
 
 @operation
-def leave(desk: Desk, *, camera_only: bool = False) -> Mapping[str, Any]:
+def leave(desk: Desk, *, camera_only: bool = False) -> dict[str, Any]:
     """Close the camera, and keep the answers. With ``camera_only`` the set-up stays at its question."""
     setup = setup_of(desk)
     if camera_only:
         setup.camera.close()
     else:
         setup.leave()
-    return setup.state()
+    return state(desk)
 
 
 @operation
@@ -275,16 +237,13 @@ def picture(desk: Desk, draw: str = "target", width_px: int = 0) -> DeskReply:
     if draw == "mask" and setup.trial.colour:
         seen = colour_step.view_range(frame, setup.trial.colour)
         values = {**trying.describe_picture(frame, seen.detection, None), "words": colour_step.describe_view(seen)}
-        values["range"] = setup.trial.figures(frame, seen)
+        values["range"] = range_figures(seen)
         image = colour_picture(frame.image, seen, setup.trial.colour)
         return DeskReply(data=values, attached=trying.encode_jpeg(image, width_px))
-    target = None if draw == "plain" else trying.target_so_far(setup.known, setup.trial.colour)
-    if target is None:
-        return DeskReply(
-            data=trying.describe_picture(frame, None, None), attached=trying.encode_jpeg(frame.image, width_px)
-        )
-    found, measured = trying.look_for_target(setup.known, frame, target)
-    image = trying.draw_findings(frame, found, measured)
+    known, found, measured, image = setup.interview.known, None, None, frame.image
+    if draw != "plain" and (target := trying.target_so_far(known, setup.trial.colour)) is not None:
+        found, measured = trying.look_for_target(known, frame, target)
+        image = trying.draw_findings(frame, found, measured)
     return DeskReply(data=trying.describe_picture(frame, found, measured), attached=trying.encode_jpeg(image, width_px))
 
 
@@ -296,10 +255,12 @@ def camera(desk: Desk, camera: str, exposure: str = "") -> dict[str, Any]:
     """
     setup = setup_of(desk)
     wanted = with_exposure(camera, exposure) if exposure else camera
-    choice = setup.offer(wanted)
-    frame = setup.newest()
+    if setup.interview.next_key != CameraStep.key:
+        raise ConfigError("the camera is chosen already; go back to that question to choose another")
+    choice = setup.interview.known.choose(CAMERA, ("camera",), table_of(wanted))
     with setup.camera.hold(choice) as source:
-        settings = source.capture.remarks()
+        frame, settings = source.capture.latest(SETTLING_WAIT_S), source.capture.remarks()
+    setup.shown, setup.offered = frame, choice
     told = {
         "answer": wanted,
         "settings": [f"{each[0].upper()}{each[1:]}." for each in settings],
@@ -327,7 +288,7 @@ def colour(
     setup = setup_of(desk)
     frame, trial = setup.shown or setup.newest(), setup.trial
     if forget:
-        trial.forget()
+        trial = setup.trial = ColourTrial()
     if range_ is not None:
         trial.take(range_, frame)
     if look and not trial.look(frame):
@@ -343,9 +304,7 @@ def colour(
         "range": trial.colour,
         "found": is_found,
         "words": colour_step.describe_view(seen, is_pointed_at=is_pointed_at),
-        "centre_px": list(seen.detection.centre_px) if is_found else None,
-        "width_px": seen.detection.width_px if is_found else None,
-        "others": [{"centre_px": list(each.centre_px), "size_px": each.size_px} for each in seen.others],
+        "others": [{"centre_px": list(each.centre_px)} for each in seen.others],
         "pictures": len(trial.samples),
     }
 
@@ -380,26 +339,21 @@ def files(desk: Desk) -> dict[str, Any]:
     setup = setup_of(desk)
     if setup.interview.next_key:
         raise ConfigError("there are questions left")
-    text, others = _as_text(setup.known, setup.known.answers)
+    known = setup.interview.known
+    others = configuration_files(known.answers, known.lens, known.model_file)
+    text = others.pop(CONFIGURATION)
     checked = editing.check(desk, text, others, tests=True)
     return {
         "files": [{"name": name, "text": each} for name, each in {desk.configuration.name: text, **others}.items()],
         "findings": checked["problems"],
         "words": checked["words"],
         "tests": checked["tests"],
-        "base_version": editing.version_of(editing.saved_text(desk)),
     }
-
-
-def _as_text(known: Known, answers: Mapping[str, str]) -> tuple[str, dict[str, str]]:
-    """Return the configuration that answers come to, and the files beside it by their names."""
-    made = configuration_files(answers, known.lens, known.model_file)
-    return made.pop(CONFIGURATION), made
 
 
 def _chosen_parts(desk: Desk, proposed: str) -> tuple[DriverChoice, ...]:
     """Return the wired parts by the answers, the proposed output last."""
-    known = setup_of(desk).known
+    known = setup_of(desk).interview.known
     outputs = [each for each in parts_of_answers(known.answers, "output").values() if each != proposed]
     pressed = parts_of_answers(known.answers, "button").values()
     return tuple(

@@ -72,13 +72,8 @@ def save(
 
 
 def tuning_of(desk: Desk, moments_s: Sequence[float]) -> Tuning:
-    """Return the tuning kept for the configuration as it is saved: recordings of these moments, and the newest.
-
-    It takes up to 90 MB, so it is freed when nothing was asked for a while.
-    """
+    """Return the tuning kept for the configuration as it is saved: recordings of these moments, and the newest."""
     text = editing.saved_text(desk) or ""
-    if "tuning" not in desk.kept:
-        desk.at_rest.append(lambda: desk.kept.update(tuning=None))
     kept: tuple[str, Tuning, set[float]] | None = desk.kept.get("tuning")
     if kept is None or kept[0] != text:
         kept = text, Tuning(configuration=load_configuration(desk.configuration), text=text), set()

@@ -53,7 +53,6 @@ class CalibrationStep(SetupStep):
         options = tuple(_options(known))
         return Question(
             text=f"How far away is the {name}? That calibrates the camera.{put} {_how_to_measure(known)}",
-            found=_drawn_distances(known),
             options=options,
             ready=options[0].answer,
             unattended=GUESS if known.is_live and options[0].answer != CAMERA_FILE else "",
@@ -103,18 +102,6 @@ def _how_to_measure(known: Known) -> str:
     if known.is_live or not target_shape(build_target(known)).limb_radius_m:
         return f"Measure from the lens to {to}."
     return f"Measure from the lens: to the ball's middle if you name a picture, to {to} if you give a distance alone."
-
-
-def _drawn_distances(known: Known) -> tuple[str, ...]:
-    """Draw both distances to a ball; nothing for what is flat, of which they are the same."""
-    behind_m = target_shape(build_target(known)).limb_radius_m
-    if not behind_m:
-        return ()
-    middle_m = f"{1 + behind_m:.4g}"
-    return (
-        "lens |<------- 1 m ------->( + )   alone, such as 1 m: to its nearest point",
-        f"lens |<------ {middle_m} m ------->+     with a picture, near.jpg@{middle_m}m: to its middle",
-    )
 
 
 def _options(known: Known) -> Iterator[Option]:
@@ -260,7 +247,7 @@ def fit_lens(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Camer
         _frame_of,
         [choice],
         date=today(),
-        distance_relative_sigma=_relative_sigma(pictures),
+        distance_relative_sigma=max(each.relative_sigma for each in pictures),
     )
     _check_found(fit.left_out, choice)
     if fit.calibration is None:
@@ -268,11 +255,6 @@ def fit_lens(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Camer
     reads = [f"{Path(each.picture).name} reads {each.residual_share:+.1%}" for each in fit.calibration.pictures]
     several = ("With this, " + ", ".join(reads) + ".",) if len(reads) > 1 else ()
     return fit.calibration.camera_model, several
-
-
-def _relative_sigma(pictures: Sequence[PictureAt]) -> float:
-    """Find how well the distances are known: as well as the worst of them."""
-    return max(each.relative_sigma for each in pictures)
 
 
 def guess_lens(frame: Frame, width: str) -> CameraModel:

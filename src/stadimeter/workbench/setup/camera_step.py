@@ -13,7 +13,6 @@ from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.config.driver_tables import CAMERA
 from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names
 from stadimeter.config.toml_source import camera_table
-from stadimeter.core.camera_model import check_one_aspect
 from stadimeter.core.frame import Frame
 from stadimeter.errors import DriverError, PictureError, StadimeterError
 from stadimeter.workbench.annotation import write_picture
@@ -61,9 +60,9 @@ class CameraStep(SetupStep):
     def question(self, known: Known) -> Question:
         """List the cameras that are there, each with a picture of it."""
         cameras = list_cameras()
-        listed = [(each, _try(known, each, number)) for number, each in enumerate(cameras, start=1)]
         pictures = _pictures_in(known.folder)
-        options = [Option(each.choice, f"{each.name}: {words}") for each, (words, _) in listed]
+        tried = [(each, _try(known, each, number)) for number, each in enumerate(cameras, start=1)]
+        options = [Option(each.choice, f"{each.name}: {words}") for each, words in tried]
         options += [Option(pictures, "the pictures in this folder")] if pictures else []
         ready = options[0].answer if options else ""
         why_none = "No camera is found; `stadimeter cameras` says what to look at."
@@ -75,7 +74,6 @@ class CameraStep(SetupStep):
             found=() if cameras else (why_none,),
             options=tuple(options),
             ready=ready,
-            is_sure=[is_seen for _, (_, is_seen) in listed] == [True],
             form=(
                 "a device such as /dev/video0, picamera2, the address of a stream, a video file, picture files, or "
                 "a folder of pictures"
@@ -103,17 +101,10 @@ def table_of(text: str) -> dict[str, Any]:
     """
     if _names_driver(text):
         return camera_table(text)
-    words = words_of(text)
-    files = [word for word in words if not _is_option(word)]
-    given = (word.partition("=") for word in words if _is_option(word))
-    options = {key: _YES_OR_NO.get(value, value) for key, _, value in given}
+    files = words_of(text)
     if len(files) == 1 and is_video_file(Path(files[0])):
-        return {"driver": "video", "path": files[0], **PLAYED["video"], **options}
-    return {"driver": "images", "paths": files, **PLAYED["images"], **options}
-
-
-PLAYED_KEYS = frozenset(key for played in PLAYED.values() for key in played)
-_YES_OR_NO: Mapping[str, Any] = {"yes": True, "no": False}
+        return {"driver": "video", "path": files[0], **PLAYED["video"]}
+    return {"driver": "images", "paths": files, **PLAYED["images"]}
 
 
 def _names_driver(text: str) -> bool:
@@ -122,10 +113,6 @@ def _names_driver(text: str) -> bool:
     if driver.isdecimal() or driver.startswith("/dev/") or "://" in driver or driver in driver_names(CAMERAS):
         return True
     return bool(_DRIVER.fullmatch(driver)) and "=" in options
-
-
-def _is_option(word: str) -> bool:
-    return word.partition("=")[0] in PLAYED_KEYS and "=" in word
 
 
 def with_exposure(text: str, exposure: str) -> str:
@@ -146,18 +133,10 @@ def _frames(known: Known, choice: DriverChoice) -> tuple[tuple[Frame, ...], bool
 
 
 def _spread_frames(source: Source) -> tuple[Frame, ...]:
-    """Return some frames of a recording at even distances, and hold no more than twice as many at any time.
-
-    Raises:
-        CalibrationError: No lens fits all of them; it names the first that another one is needed for.
-    """
+    """Return some frames of a recording at even distances, and hold no more than twice as many at any time."""
     kept: list[Frame] = []
     step = 1
     for number, frame in enumerate(islice(source.frames(lambda _: None), MAX_RECORDED_FRAMES)):
-        first = kept[0] if kept else frame
-        check_one_aspect(
-            (first.source, first.width_px, first.height_px), (frame.source, frame.width_px, frame.height_px)
-        )
         if number % step == 0:
             kept.append(frame)
         if len(kept) == 2 * MAX_FRAMES:
@@ -165,17 +144,17 @@ def _spread_frames(source: Source) -> tuple[Frame, ...]:
     return tuple(kept)
 
 
-def _try(known: Known, camera: AttachedCamera, number: int) -> tuple[str, bool]:
-    """Take a picture with a camera that is there; say where it is or what is wrong, and whether there is one."""
+def _try(known: Known, camera: AttachedCamera, number: int) -> str:
+    """Take a picture with a camera that is there; say where it is or what is wrong."""
     if camera.trouble or not known.looks_ahead:
-        return camera.trouble or camera.node, False
+        return camera.trouble or camera.node
     name = f"{PICTURES}/camera-{number}.png"
     try:
         frame = take_frame(known.choose(CAMERA, ("camera",), camera_table(camera.choice)), known.opening)
     except StadimeterError as error:
-        return str(error), False
+        return str(error)
     write_picture(known.path(name), frame.image, frame.optics)
-    return f"its picture is {name}", True
+    return f"its picture is {name}"
 
 
 def _pictures_in(folder: Path) -> str:

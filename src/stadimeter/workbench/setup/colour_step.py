@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
 
 from msgspec import Struct, field
 
@@ -21,7 +20,6 @@ from stadimeter.workbench.colour_aids import (
     colour_picture,
     colour_sample,
     is_where_pointed,
-    range_figures,
     split_places,
 )
 from stadimeter.workbench.measuring import open_picture
@@ -45,20 +43,17 @@ class ColourTrial(Struct):
         samples: The pictures that were clicked on, each with its clicks.
         colour: The range that follows from the clicks, or that was given; empty for none yet.
         seen_in: The picture of the last click; None before the first.
-        finds: The range with which a ball was found last; it says where the ball is while another one finds none.
     """
 
     samples: list[ColourSample] = field(default_factory=list)
     colour: str = ""
     seen_in: Frame | None = None
-    finds: str = ""
-    _missed: list[ColourSample] = field(default_factory=list)
 
     def point(self, frame: Frame, places: Sequence[Place], *, same_picture: bool) -> bool:
         """Fit the range to further clicks on the ball, and return whether a ball is seen where they are.
 
         Clicks in several lights, and on several colours of a ball, count together. A click beside the ball would spoil
-        the others, so one where no ball was seen counts only where nothing shows a ball without it.
+        the others, so one where no ball is seen does not count.
 
         Args:
             same_picture: Whether the clicks belong to the picture of the clicks before.
@@ -66,50 +61,34 @@ class ColourTrial(Struct):
         Raises:
             ConfigError: A click is outside the picture, or on the background; nothing has changed.
         """
-        _check(frame, places)
         kept, newest = self.samples, ColourSample(frame, tuple(places))
         if same_picture and kept:
-            _check(kept[-1].frame, places)
             kept, newest = kept[:-1], ColourSample(kept[-1].frame, (*kept[-1].places_px, *places))
-        tries = ([*kept, newest], [newest], [*kept, *self._missed, newest])
-        fits = [fit for fit in map(_fit_colour, dict.fromkeys(map(tuple, tries))) if fit is not None]
-        if not fits:
+        _check(newest.frame, places)
+        samples = [*kept, newest]
+        proposal = ball_colours().propose_colour(samples)
+        if proposal is None:
             raise ConfigError(ONLY_BACKGROUND)
-        best = max(fits, key=lambda fit: (fit.is_seen, not fit.others))
-        if best.is_seen or not self.colour:
-            self.colour = best.colour
-        if best.is_seen:
-            self.samples, self._missed = list(best.samples)[-MAX_PICTURES:], []
-        else:
-            self._missed = [newest]
         self.seen_in = newest.frame
-        return best.is_seen
+        is_seen = is_where_pointed(newest, proposal.views[-1])
+        if is_seen or not self.colour:
+            self.colour = proposal.colour
+        if is_seen:
+            self.samples = samples[-MAX_PICTURES:]
+        return is_seen
 
     def look(self, frame: Frame) -> bool:
         """Try the range of what stands out in a picture by itself, and return whether anything does; takes seconds."""
-        fit = _fit_colour((ColourSample(frame),))
-        if fit is None or not fit.is_seen:
+        proposal = ball_colours().propose_colour([ColourSample(frame)])
+        if proposal is None or proposal.views[-1].detection.status is DetectionStatus.NOT_FOUND:
             return False
-        self.colour = fit.colour
+        self.colour = proposal.colour
         return True
 
     def take(self, colour: str, frame: Frame) -> None:
         """Try a range that a person gives; a `ConfigError` if it is none."""
         view_range(frame, colour)
         self.colour = colour
-
-    def figures(self, frame: Frame, seen: ColourView) -> dict[str, Any]:
-        """Return the figures that the range as it is tried gives on the ball and on the rest of a picture."""
-        ball = seen.detection
-        if ball.status is not DetectionStatus.NOT_FOUND:
-            self.finds = self.colour
-        elif self.finds:
-            ball = view_range(frame, self.finds).detection
-        return range_figures(seen, ball)
-
-    def forget(self) -> None:
-        """Begin again."""
-        self.samples, self.colour, self.seen_in, self.finds, self._missed = [], "", None, "", []
 
 
 def ball_colours() -> type[ProposesColour]:
@@ -140,23 +119,6 @@ def describe_view(seen: ColourView, *, is_pointed_at: bool = True) -> str:
     return f"{ball} {OTHERS.format(places=places)}"
 
 
-class _ColourFit(NamedTuple):
-    """The range that follows from clicks."""
-
-    samples: tuple[ColourSample, ...]
-    colour: str
-    is_seen: bool  # whether a ball is seen with it at the last click
-    others: int  # how many other things have the colour there
-
-
-def _fit_colour(samples: tuple[ColourSample, ...]) -> _ColourFit | None:
-    proposal = ball_colours().propose_colour(samples)
-    if proposal is None:
-        return None
-    newest = proposal.views[-1]
-    return _ColourFit(samples, proposal.colour, is_where_pointed(samples[-1], newest), len(newest.others))
-
-
 def _check(frame: Frame, places: Sequence[Place]) -> None:
     if not places:
         raise ConfigError("there is no click; click on the ball")
@@ -183,12 +145,11 @@ class ColourStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """Propose the range of what stands out."""
-        ready, found, is_sure = _what_stands_out(known) if known.looks_ahead else ("", (), False)
+        ready, found = _what_stands_out(known) if known.looks_ahead else ("", ())
         return Question(
             text="What colour is the ball?",
             found=found,
             ready=ready,
-            is_sure=is_sure,
             form=(
                 f"places on the ball in {SHOWN}, in pixels to the right and down, such as 312,240 330,262; "
                 'pictures with places, such as dusk.jpg@290,255; a range such as "29,86,6:64,255,255"; or '
@@ -208,8 +169,8 @@ class ColourStep(SetupStep):
         return Accepted(answer=proposal.colour, notes=_notes_on(known, samples, proposal), doubt=True)
 
 
-def _what_stands_out(known: Known) -> tuple[str, tuple[str, ...], bool]:
-    """Return the range of what stands out in a picture, words about it, and whether nothing else has the colour.
+def _what_stands_out(known: Known) -> tuple[str, tuple[str, ...]]:
+    """Return the range of what stands out in a picture, and words about it.
 
     That picture becomes the one that is shown.
     """
@@ -219,9 +180,9 @@ def _what_stands_out(known: Known) -> tuple[str, tuple[str, ...], bool]:
         if proposal is not None and proposal.views[0].detection.status is DetectionStatus.FOUND:
             known.frames = (frame, *(each for each in known.frames if each is not frame))
             write_picture(known.path(SHOWN), frame.image)
-            return proposal.colour, _notes_on(known, samples, proposal), not proposal.views[0].others
+            return proposal.colour, _notes_on(known, samples, proposal)
     words = f"{NOTHING_STANDS_OUT[0].upper()}{NOTHING_STANDS_OUT[1:]}: point at it in {SHOWN}."
-    return "", (words,), False
+    return "", (words,)
 
 
 def _samples(known: Known, text: str) -> list[ColourSample]:

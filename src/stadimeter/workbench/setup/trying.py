@@ -55,23 +55,15 @@ def look_for_target(known: Known, frame: Frame, target: DriverChoice) -> tuple[D
 def describe_picture(frame: Frame, seen: Detection | None, measured: Measurement | None) -> Mapping[str, Any]:
     """Describe what is known of a picture, as JSON has it; places are in the camera's own pixels."""
     remarks = [f"{each[0].upper()}{each[1:]}." for each in picture_remarks(frame.image, frame.exposure_s)]
-    found = seen if seen is not None and seen.is_whole else None
     return {
         "width_px": frame.width_px,
         "height_px": frame.height_px,
         "exposure_s": frame.exposure_s,
         "remarks": remarks,
         "words": describe_detection(seen.target, seen) if seen else "",
-        "status": seen.status.value if seen else None,
-        "found": found is not None,
+        "found": seen is not None and seen.is_whole,
         "distance_m": measured.distance_m if measured else None,
         "sigma_m": measured.sigma_m if measured else None,
-        "centre_px": [round(each, 1) for each in found.centre_px] if found else None,
-        "size_px": [round(found.width_px, 1), round(found.height_px, 1)] if found else None,
-        "rejected": [
-            {"centre_px": list(each.centre_px), "size_px": each.size_px, "reason": each.reason}
-            for each in (seen.rejected if seen else ())
-        ],
     }
 
 

@@ -16,7 +16,7 @@ export const Versions = ({ desk }) => html`<section class="panel" aria-label="Ve
 
 const COMPARED = { label: "From that version to the text in the field", none: "The text in the field is the same." };
 
-function Version({ id, unix_s, words, desk }) {
+function Version({ id, unix_s, desk }) {
   const [text, show] = useState(null); // that of the version, while it is compared
   const title = moment(unix_s);
   const path = `configuration/versions/${encodeURIComponent(id)}`;
@@ -36,7 +36,7 @@ function Version({ id, unix_s, words, desk }) {
   };
   return html`<li class="stack">
     <div class="row">
-      <div class="grow"><strong>${title}</strong><p class="quiet">${words}</p></div>
+      <strong class="grow">${title}</strong>
       <${Button} onclick=${compare} aria-expanded=${String(text !== null)} label=${`Compare the version of ${title}`}>
         Compare<//>
       <${Button} onclick=${bring} label=${`Bring back the version of ${title}`}>Bring back<//>

@@ -38,13 +38,7 @@ export function Form({ setup, kind: { Widget = Choices, draw, wayOf = () => ({})
 const Doubt = ({ notes }) => html`<div class="setup-doubt" role="alert">
   ${notes.map((each) => html`<p>${inCode(each)}</p>`)}<p>Change the answer, or go on with it as it is.</p></div>`;
 
-/** What was found, in words. A drawing of a distance is in letters of one width, and what it is stands beside it. */
-function Found({ line }) {
-  const [, drawn, words] = /^(lens \|.*?) {3,}(.*)$/.exec(line) ?? [];
-  return drawn
-    ? html`<p class="row small"><code class="setup-drawing">${drawn}</code><span>${words}</span></p>`
-    : html`<p class="quiet">${inCode(line)}</p>`;
-}
+const Found = ({ line }) => html`<p class="quiet">${inCode(line)}</p>`;
 
 /** The answer as it is now, and what became of it. */
 class Step extends Model {
