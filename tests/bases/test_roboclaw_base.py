@@ -13,9 +13,9 @@ from stadimeter.bases.protocol import SpeedSteps, WheelSpeeds
 from stadimeter.bases.roboclaw_base import RoboclawCodec, RoboclawOptions
 from stadimeter.bases.serial_base import BaseMessage, SerialBase
 from stadimeter.errors import DeviceOpenError, LinkLostError, ProtocolError
-from stadimeter.simulation.firmware import RoboclawFirmware
 from support.base_bench import BaseBench, base_bench, opened, vectors, wire
 from support.each_case import each_case
+from support.firmware import RoboclawFirmware
 
 ROBOCLAW = "roboclaw_packet_serial"
 ENCODERS = {"wheel_diameter": "65 mm", "ticks_per_turn": 1440, "track_width": "16 cm"}

@@ -15,10 +15,10 @@ from stadimeter.bases.serial_base import Greeting, SerialBase
 from stadimeter.config.plugins import SerialStop
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import ProtocolError
-from stadimeter.simulation.firmware import FULL, OFF, PASSIVE, SAFE, RoombaFirmware
 from stadimeter.testing.rig import ManualClock
 from support.base_bench import BaseBench, base_bench, opened, wire
 from support.each_case import each_case
+from support.firmware import FULL, OFF, PASSIVE, SAFE, RoombaFirmware
 
 OI = "irobot_oi"
 TABLE = {"track_width": "16 cm"}

@@ -12,8 +12,8 @@ from stadimeter.bases.protocol import SpeedSteps, WheelSpeeds
 from stadimeter.bases.sabertooth_base import SabertoothCodec, SabertoothOptions
 from stadimeter.bases.serial_base import SerialBase
 from stadimeter.errors import ProtocolError
-from stadimeter.simulation.firmware import SabertoothFirmware
 from support.base_bench import BaseBench, base_bench, opened, vectors, wire
+from support.firmware import SabertoothFirmware
 
 SABERTOOTH = "sabertooth_packet_serial"
 TABLE = {"full_speed": "1 m/s", "track_width": "16 cm"}

@@ -15,7 +15,7 @@ from stadimeter.bases.serial_base import STANDING, SerialLink
 from stadimeter.config.plugins import BASES, load_driver
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import DriverError
-from stadimeter.simulation.emulated_base import EmulatedPort
+from stadimeter.testing.rig import ManualClock
 from support.base_bench import base_bench, opened
 
 STEP_S = 0.01
@@ -44,6 +44,31 @@ KINDS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 
 
+class SlowLine:
+    """An adapter or a radio: it takes and keeps all that comes, and carries so many bytes a second to the board."""
+
+    newest: SlowLine
+
+    def __init__(self, clock: ManualClock) -> None:
+        SlowLine.newest = self
+        self.bytes_a_second = math.inf
+        self.waiting = b""
+        self._clock = clock
+        self._carried_at_s = 0.0
+
+    def __call__(self, data: bytes) -> bytes:
+        """Take what the host has sent, and return what has come through to the board by now."""
+        self.waiting += data
+        now_s, count = self._clock.now_s(), len(self.waiting)
+        if self.bytes_a_second < math.inf:
+            count = min(count, int((now_s - self._carried_at_s) * self.bytes_a_second + 1e-6))
+        # A line that has nothing to carry saves no time up.
+        is_idle = count == len(self.waiting)
+        self._carried_at_s = now_s if is_idle else self._carried_at_s + count / self.bytes_a_second
+        carried, self.waiting = self.waiting[:count], self.waiting[count:]
+        return carried
+
+
 class Outcome(Struct, frozen=True):
     """What came of a line that became slow while a robot drove.
 
@@ -64,6 +89,7 @@ def drive(kind: str, bytes_a_second: float, *, seen_s: float, seconds: float = 4
     safe = TwistCommand(output="base", linear_mps=0.0, angular_radps=0.0)
     with base_bench(kind) as bench:
         model = load_driver(BASES, driver).model_validate({"port": f"emulated-{kind}", "track_width": "16 cm"} | table)
+        bench.board.port.spoil = line = SlowLine(bench.clock)
         output = LeasedOutput(model.build(bench.context), safe, 0.3, bench.clock)
         output.open()
         Guard([output], bench.clock).start()
@@ -72,7 +98,7 @@ def drive(kind: str, bytes_a_second: float, *, seen_s: float, seconds: float = 4
         for step in range(round(seconds / STEP_S)):
             now_s = bench.clock.now_s()
             if now_s >= slow_s:
-                bench.board.port.bytes_a_second = bytes_a_second
+                line.bytes_a_second = bytes_a_second
             if step % FRAME_STEPS == 0:
                 turn_radps = 0.1 + step * 1e-3  # no two commands are alike
                 follow = TwistCommand(output="base", linear_mps=0.3, angular_radps=turn_radps, captured_at_s=now_s)
@@ -117,21 +143,14 @@ def in_sight(monkeypatch: pytest.MonkeyPatch) -> None:
 
     A pseudo-terminal never says so, and moves what is written by a worker of the kernel, at times of its own.
     """
-    ports: list[EmulatedPort] = []
-    make = EmulatedPort.__init__
-
-    def make_and_note(port: EmulatedPort, *arguments: Any, **more: Any) -> None:
-        make(port, *arguments, **more)
-        ports.append(port)
 
     def offer(_link: SerialLink, data: bytes) -> int:
-        ports[-1].waiting += data
+        SlowLine.newest.waiting += data
         return len(data)
 
-    monkeypatch.setattr(EmulatedPort, "__init__", make_and_note)
     monkeypatch.setattr(SerialLink, "_offer", offer)
-    monkeypatch.setattr(SerialLink, "waiting", lambda _link: len(ports[-1].waiting))
-    monkeypatch.setattr(SerialLink, "discard", lambda _link: setattr(ports[-1], "waiting", b""))
+    monkeypatch.setattr(SerialLink, "waiting", lambda _link: len(SlowLine.newest.waiting))
+    monkeypatch.setattr(SerialLink, "discard", lambda _link: setattr(SlowLine.newest, "waiting", b""))
 
 
 @pytest.mark.usefixtures("in_sight")

@@ -18,15 +18,10 @@ from stadimeter.errors import ConfigError
 from stadimeter.simulation.base import SimulatedBaseOptions
 from stadimeter.simulation.devices import LevelChange
 from stadimeter.simulation.emulated_base import EmulatedPort
-from stadimeter.simulation.firmware import (
-    EmulatedRosArduinoOptions,
-    HoverboardFirmware,
-    OpenBotFirmware,
-    RosArduinoFirmware,
-    WaveshareUgvFirmware,
-)
+from stadimeter.simulation.firmware import EmulatedRosArduinoOptions, RosArduinoFirmware
 from stadimeter.testing.rig import ManualClock
 from support.base_bench import vectors, wire
+from support.firmware import HoverboardFirmware, OpenBotFirmware, WaveshareUgvFirmware
 
 
 def twist(linear_mps: float, angular_radps: float = 0.0) -> TwistCommand:

@@ -499,7 +499,7 @@ class SerialBaseOptions(DriverOptions):
     auto_stop_advice: ClassVar[str]
 
     port: SerialPort
-    """The serial port, best as ``/dev/serial/by-id/…``; or an emulated one: ``emulated-`` and the driver's name."""
+    """The serial port, best as ``/dev/serial/by-id/…``; or ``emulated-ros-arduino-bridge``, as in the demonstration."""
     baud: Baud = 115200
     """The speed of the line."""
     track_width: Length = Field(examples=["20 cm"])

@@ -61,10 +61,6 @@ class EmulatedPort:
         self.is_full = False  # fault: so it is at once, and whatever room comes is filled
         self.is_heard = True  # fault if False: what the board answers is lost on the way
         self.spoil: Callable[[bytes], bytes] = bytes  # fault: what the board gets instead of what was sent
-        # Fault: how fast an adapter or a radio carries bytes to the board. It takes and keeps all that comes meanwhile.
-        self.bytes_a_second = math.inf
-        self.waiting = b""
-        self._carried_at_s = 0.0
         self._firmware = firmware
         self._is_plugged = is_plugged
         self._after_step = after_step
@@ -88,7 +84,7 @@ class EmulatedPort:
             if self._cable and self.is_full:
                 self._cable.fill()
             elif self._cable and self.is_read:
-                answer = self._firmware.receive(self.spoil(self._carried(self._cable.read(), now_s)), now_s)
+                answer = self._firmware.receive(self.spoil(self._cable.read()), now_s)
                 if answer and self.is_heard:
                     self._cable.write(answer)
             self._after_step()
@@ -105,18 +101,6 @@ class EmulatedPort:
         with self._lock:
             self._pull_out()
             self._folder.cleanup()
-
-    def _carried(self, data: bytes, now_s: float) -> bytes:
-        """Return the bytes that have come through to the board by now."""
-        self.waiting += data
-        count = len(self.waiting)
-        if self.bytes_a_second < math.inf:
-            count = min(count, int((now_s - self._carried_at_s) * self.bytes_a_second + 1e-6))
-        # A line that has nothing to carry saves no time up.
-        is_idle = count == len(self.waiting)
-        self._carried_at_s = now_s if is_idle else self._carried_at_s + count / self.bytes_a_second
-        carried, self.waiting = self.waiting[:count], self.waiting[count:]
-        return carried
 
     def _follow_the_cable(self) -> None:
         if self._is_plugged() and not self._cable:
