@@ -18,7 +18,7 @@ from stadimeter.errors import DeviceOpenError, DriverError
 from stadimeter.operator_actions import OperatorAction
 from stadimeter.simulation.devices import SimulatedButton
 from stadimeter.testing.rig import ManualClock
-from stadimeter.testing.wires import WatchedPins
+from support.pins import WatchedPins
 from support.replaying import replay
 from support.simulated_run import SIMULATED_BALL
 

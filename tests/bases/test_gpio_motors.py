@@ -14,8 +14,8 @@ from stadimeter.config.plugins import DriverChoice, DriverContext
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import DeviceOpenError, LinkLostError
 from stadimeter.testing.rig import ManualClock
-from stadimeter.testing.wires import WatchedPins
 from support.each_case import each_case
+from support.pins import WatchedPins
 
 LEFT = {"forward": 17, "backward": 27, "pwm": 12}
 RIGHT = {"forward": 23, "backward": 24, "pwm": 13}

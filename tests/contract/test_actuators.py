@@ -10,7 +10,7 @@ from stadimeter.config.plugins import ACTUATORS, BUTTONS, DriverContext, load_dr
 from stadimeter.simulation.devices import SimulatedActuator, SimulatedButton
 from stadimeter.testing.actuator_contract import ABSENT, FAILS, ActuatorContract, ActuatorRig, ButtonContract, ButtonRig
 from stadimeter.testing.rig import ManualClock, impossible
-from stadimeter.testing.wires import WatchedPins
+from support.pins import WatchedPins
 
 PIN, BUTTON_PIN = 18, 27
 

@@ -11,10 +11,10 @@ from stadimeter.config.plugins import BASES, PORTS, DriverContext, load_driver
 from stadimeter.errors import DeviceClosedError, LinkLostError
 from stadimeter.simulation.motors import FULL_DUTY_MPS, STARTS_AT_DUTY, EmulatedPca9685Options, HBridgeMotors
 from stadimeter.simulation.world import World, WorldOptions
-from stadimeter.testing.base_contract import SILENT, TAKES_NO_BYTES, UNPLUGGED, BaseContract, BaseRig
+from stadimeter.testing.base_contract import SILENT, TAKES_NO_BYTES, UNPLUGGED, BaseContract, BaseRig, clog, is_locked
 from stadimeter.testing.output_contract import raised_by
 from stadimeter.testing.rig import TICK_S, ManualClock, eventually, impossible
-from stadimeter.testing.wires import WatchedPins, clog, is_locked
+from support.pins import WatchedPins
 
 TRACK_WIDTH_M = 0.16
 

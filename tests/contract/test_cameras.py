@@ -226,13 +226,18 @@ def begin_numbers_anew(it: Any) -> None:
     it.number = 0
 
 
+HELD = "test_the_device_is_taken_once_by_open_and_let_go_by_close"
 LOST = "test_a_lost_device_ends_reading_with_an_error_of_ours"
 AGAIN = "test_a_closed_camera_opens_again_and_time_and_numbers_go_on"
 MISTAKES: list[tuple[str, str, Callable[..., Any]]] = [
     (LOST, "image", lambda _it, handle: handle.retrieve()[1]),
     (LOST, "image", go_on_with_the_last_picture),
-    ("test_opening_an_open_camera_takes_the_device_once", "open", lambda it: setattr(it, "handle", it.device())),
-    ("test_the_device_is_taken_by_open_and_let_go_by_close", "close", lambda it: setattr(it, "handle", None)),
+    (
+        "test_the_device_is_taken_once_by_open_and_let_go_by_close",
+        "open",
+        lambda it: setattr(it, "handle", it.device()),
+    ),
+    ("test_the_device_is_taken_once_by_open_and_let_go_by_close", "close", lambda it: setattr(it, "handle", None)),
     (
         "test_reading_needs_an_open_camera_which_may_be_closed_at_any_time_and_again",
         "close",
@@ -240,7 +245,7 @@ MISTAKES: list[tuple[str, str, Callable[..., Any]]] = [
     ),
     ("test_a_frames_image_is_not_changed_by_later_reads", "image", use_four_buffers_in_turn),
     (
-        "test_capture_times_never_go_back_nor_ahead_of_the_clock",
+        "test_numbers_rise_and_capture_times_never_go_back_nor_ahead_of_the_clock",
         "captured_at_s",
         lambda it: it.clock.now_s() - (0.5 if it.number == 7 else 0.0),
     ),

@@ -84,18 +84,12 @@ def take_any_image(right: Any, frame: Any, prediction: Any) -> Detection:
         return Detection(target="it", status=DetectionStatus.NOT_FOUND, reason="no such colour")
 
 
-def fail_on_tiny_images(right: Any, frame: Any, prediction: Any) -> Detection:
-    if min(frame.image.shape[:2]) < 2:
-        raise ZeroDivisionError
-    return right(frame, prediction)
-
-
 MISTAKES: list[tuple[str, Callable[..., Detection]]] = [
     ("test_the_target_is_found_at_its_distance", lambda right, *given: scaled(right(*given), 1.05)),
     ("test_a_detection_is_complete", shift_by_half_its_size),
     ("test_a_frame_without_the_target_is_no_error_and_has_a_reason", fail_on_nothing),
     ("test_a_target_that_the_border_cuts_off_is_reported_and_not_measured", measure_what_is_cut_off),
-    ("test_no_frame_changes_the_answer_to_another", take_what_was_found_last),
+    ("test_the_same_frame_gives_the_same_answer", take_what_was_found_last),
     ("test_a_wrong_prediction_hides_nothing", look_only_where_expected),
     ("test_of_two_targets_alike_the_expected_one_is_taken", lambda right, frame, _: right(frame, None)),
     (
@@ -109,7 +103,6 @@ MISTAKES: list[tuple[str, Callable[..., Detection]]] = [
     ),
     ("test_an_image_that_is_part_of_a_larger_one_gives_the_same_answer", need_whole_rows),
     ("test_an_image_of_another_form_is_refused", take_any_image),
-    ("test_in_a_tiny_image_nothing_is_found", fail_on_tiny_images),
 ]
 
 

@@ -215,5 +215,4 @@ def ideal_rig() -> DetectorRig:
         ),
         empty=Frame(black.copy(), 2.5, 2),
         cut_off=Frame(black.copy(), 1.0, 1),
-        reads_images=False,
     )

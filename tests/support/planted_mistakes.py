@@ -25,6 +25,7 @@ CANNOT_OPEN = "test_a_device_that_cannot_be_opened_raises_and_is_not_held"
 FAILS = "test_a_device_that_fails_raises_one_of_our_errors"
 RELEASED = "test_a_device_that_failed_is_released_all_the_same_and_works_again"
 TICKS = "test_it_acts_and_ticks_without_keeping_the_loop_waiting"
+CLOSED = "test_close_stops_first_and_it_can_be_opened_again"
 USED_CLOSED = "test_using_it_while_it_is_closed_raises"
 TOLD = "test_without_the_other_side_it_opens_all_the_same_and_says_so_in_one_line"
 LOST = "test_a_lost_connection_is_noticed_by_ticks_alone"
@@ -93,11 +94,6 @@ def fail_without_the_other_side(driver: Any, item: Any) -> None:
         raise OSError("connection refused")
 
 
-def no_end(_driver: Any) -> None:
-    while True:
-        time.sleep(0.1)
-
-
 ACTUATOR = {
     "reports-what-was-asked": Mistake(
         "test_levels_that_act_alike_are_reported_alike", {"apply": lambda it, asked: (it.apply(asked), asked)[1]}
@@ -110,10 +106,11 @@ ACTUATOR = {
     "swallows-errors": Mistake(FAILS, {"apply": hiding(DriverError, "apply"), "tick": hiding(DriverError, "tick")}),
     "opens-in-spite-of-errors": Mistake(CANNOT_OPEN, {"open": hiding(DeviceOpenError, "open")}),
     "keeps-the-pin-when-stopping-fails": Mistake(RELEASED, {"close": close_unless_stopping_fails}),
-    "is-closed-and-not-let-go": Mistake("test_close_stops_first_and_may_come_again", {"close": lambda _it: None}),
+    "is-closed-and-not-let-go": Mistake(
+        "test_close_stops_first_and_it_can_be_opened_again", {"close": lambda _it: None}
+    ),
     "acts-when-closed": Mistake(USED_CLOSED, {"apply": hiding(DeviceClosedError, "apply")}),
     "ticks-slowly": Mistake(TICKS, {"tick": then("tick", lambda _it: time.sleep(1.0))}),
-    "ticks-for-ever": Mistake(TICKS, {"tick": then("tick", no_end)}),
 }
 BUTTON = {
     "reads-upside-down": Mistake(

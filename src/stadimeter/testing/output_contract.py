@@ -27,25 +27,16 @@ class OutputContract(Contract):
         """Return each fault that may come up in use. Override it with params."""
         raise NotImplementedError
 
-    def test_the_constructor_touches_no_hardware(self, rig: AnyRig) -> None:
+    def test_it_opens_at_rest_and_takes_the_device_once(self, rig: AnyRig) -> None:
+        """The constructor touches no hardware. What a second `open` took besides would stay taken for ever."""
         assert not rig.is_held()
-
-    def test_it_opens_at_rest(self, opened: AnyRig) -> None:
-        assert opened.is_held()
-        assert opened.rests()
-        opened.pass_time_s(1.0, lambda: pytest.fail("it acts without a command") if not opened.rests() else None)
-
-    def test_opening_it_twice_takes_the_device_once(self, rig: AnyRig) -> None:
-        """A second `open` does nothing: what it took besides would stay taken for ever."""
         rig.device.open()
         rig.device.open()
         assert rig.is_held()
+        assert rig.rests()
+        rig.pass_time_s(1.0, lambda: pytest.fail("it acts without a command") if not rig.rests() else None)
         rig.device.close()
         assert not rig.is_held()
-        rig.device.open()
-        rig.act()
-        assert not rig.rests()
-        rig.device.close()
 
     def test_it_acts_and_ticks_without_keeping_the_loop_waiting(self, opened: AnyRig) -> None:
         opened.act()
@@ -59,31 +50,22 @@ class OutputContract(Contract):
         opened.act()
         assert not opened.rests()
 
-    def test_close_stops_first_and_may_come_again(self, opened: AnyRig) -> None:
-        opened.act()
-        opened.device.close()
-        assert opened.comes_to_rest()
-        assert not opened.is_held()
-        opened.device.close()
-
     def test_using_it_while_it_is_closed_raises(self, rig: AnyRig) -> None:
-        self._check_unusable(rig)
-        rig.device.open()
-        rig.device.close()
-        self._check_unusable(rig)
-
-    def test_stopping_and_closing_what_is_closed_does_nothing(self, rig: AnyRig) -> None:
-        """Cleaning up does not depend on what was opened."""
+        """Stopping and closing it does nothing: cleaning up does not depend on what was opened."""
         for _ in range(2):
+            self._check_unusable(rig)
             rig.device.stop()
             rig.device.close()
             assert not rig.is_held()
             rig.device.open()
             rig.device.close()
 
-    def test_it_can_be_opened_again(self, opened: AnyRig) -> None:
+    def test_close_stops_first_and_it_can_be_opened_again(self, opened: AnyRig) -> None:
         """Everything it did before is forgotten, and it works."""
         opened.act()
+        opened.device.close()
+        assert opened.comes_to_rest()
+        assert not opened.is_held()
         opened.device.close()
         opened.device.open()
         assert opened.is_held()
@@ -101,8 +83,6 @@ class OutputContract(Contract):
         rig.clock.advance_s(rig.settles_s)
         assert not rig.is_held()
         rig.device.open()
-        rig.act()
-        assert not rig.rests()
         rig.device.close()
 
     def test_a_device_that_fails_raises_one_of_our_errors(self, opened: AnyRig, fault: str) -> None:

@@ -14,13 +14,11 @@ A rig never asks the driver what it does. It looks at the wire: the pin, the fil
 from __future__ import annotations
 
 import os
-import signal
-import threading
 import time
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from typing import Any, ClassVar, Generic, TypeVar
 
 import pytest
@@ -40,13 +38,8 @@ TICK_S = 0.02
 SLOW_CALL_S = 0.05
 SLOW_IN_A_ROW = 3
 
-HUNG_AFTER_S = 5.0
-
 # Begins with True and ends with False.
 Fault = Callable[[bool], None]
-
-# Drivers that were found too slow, with the message: the rest of their suite fails at once, without waiting again.
-_too_slow: dict[str, str] = {}
 
 
 class ManualClock(SteppedClock):
@@ -88,57 +81,19 @@ class Stopwatch(Struct):
 
     def time(self, device: object, method: str, *args: object) -> Any:
         """Call a method and return what it returns."""
-        name = f"{type(device).__module__}.{type(device).__qualname__}"
-        if name in _too_slow:
-            pytest.fail(_too_slow[name])
         begun_s = time.perf_counter()
-        with _alarm(lambda: _too_slow.setdefault(name, f"{name}.{method}() has not returned in {HUNG_AFTER_S:g} s")):
-            result = getattr(device, method)(*args)
+        result = getattr(device, method)(*args)
         took_s = time.perf_counter() - begun_s
         # With more to do than a computer has cores, each call takes so many times as long through no fault of its own.
         limit_s = SLOW_CALL_S * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
         self.slow_in_a_row[method] = self.slow_in_a_row[method] + 1 if took_s > limit_s else 0
         if self.slow_in_a_row[method] == SLOW_IN_A_ROW:
-            _too_slow[name] = (
-                f"{name}.{method}() is too slow: {SLOW_IN_A_ROW} calls in a row took more than "
+            pytest.fail(
+                f"{type(device).__qualname__}.{method}() is too slow: {SLOW_IN_A_ROW} calls in a row took more than "
                 f"{limit_s * 1e3:.0f} ms, the last one {took_s * 1e3:.0f} ms. The control loop calls it, "
                 "and must never wait: leave waiting to a thread, or look again at the next tick"
             )
-            pytest.fail(_too_slow[name])
         return result
-
-
-@contextmanager
-def _alarm(message: Callable[[], str]) -> Iterator[None]:
-    """Fail the test if the block does not end; only where signals arrive and this one is free."""
-    is_free = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGALRM) in {
-        signal.SIG_DFL,
-        signal.SIG_IGN,
-    }
-    if not is_free:
-        yield
-        return
-    before = signal.signal(signal.SIGALRM, lambda *_: pytest.fail(message()))
-    signal.setitimer(signal.ITIMER_REAL, HUNG_AFTER_S)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
-
-
-@contextmanager
-def threads_left() -> Iterator[Callable[[], list[str]]]:
-    """Return a function that waits a moment for the threads that were begun in the block, and names those that stay."""
-    before = set(threading.enumerate())
-
-    def left() -> list[str]:
-        begun = [thread for thread in threading.enumerate() if thread not in before]
-        for thread in begun:
-            thread.join(1.0)
-        return [thread.name for thread in begun if thread.is_alive()]
-
-    yield left
 
 
 class Rig(Struct, Generic[DeviceT], frozen=True, kw_only=True, eq=False):
