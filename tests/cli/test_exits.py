@@ -24,7 +24,7 @@ from stadimeter.app.bootstrap import demo_configuration
 from stadimeter.cli import exits
 from stadimeter.cli.check import print_problems
 from stadimeter.cli.exits import DONE, WRONG, plain_errors
-from stadimeter.cli.main import PLAIN_ERRORS, app
+from stadimeter.cli.main import app
 from stadimeter.cli.run import _telling_of_threads
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.toml_lines import key_spans
@@ -157,45 +157,6 @@ def test_what_is_opened_first_does_not_become_standard_output() -> None:
     assert done.returncode > 2
 
 
-# What an encoding lacks is written in characters that it has, by one table.
-
-
-def test_what_ascii_lacks_is_written_plainly() -> None:
-    for words, written in [
-        ("2.43 m ± 0.04 at 3°, σ ≤ 1 …", "2.43 m +- 0.04 at 3 deg, sigma <= 1 ..."),
-        ("−3 µs → “x” ┏─┓│", '-3 us -> "x" +-+|'),
-        ("日本", "\\u65e5\\u672c"),
-        ("café.png caf\udce9.png", "caf\\xe9.png caf\\udce9.png"),
-    ]:
-        assert words.encode("ascii", PLAIN_ERRORS).decode("ascii") == written
-
-
-@pytest.mark.long
-def test_commands_print_no_more_than_ascii_where_there_is_no_more(tmp_path: Path, pytestconfig: pytest.Config) -> None:
-    def written(*command: str) -> str:
-        done = subprocess.run(
-            [sys.executable, "-m", "stadimeter", *command],
-            capture_output=True,
-            env={"PYTHONIOENCODING": "ascii", "LANG": "C", "STADIMETER_PROGRESS": "off"},
-            check=True,
-            cwd=tmp_path,
-        )
-        assert done.stderr == b""
-        return done.stdout.decode("ascii")
-
-    shown = {
-        "help": written("measure", "--help"),
-        "check": written("check", str(pytestconfig.rootpath / "config" / "demo.toml")),
-        "demo": written("demo", "--seconds=2", "--speed=0", "--journal=run.jsonl"),
-        "replay": written("replay", "run.jsonl"),
-        "explain": written("explain", "near", "--journal=run.jsonl"),
-    }
-    assert [name for name, words in shown.items() if "\\u" in words or "\\x" in words] == []
-    assert "56 deg wide" in shown["check"]
-    assert " m +- 0." in shown["demo"]
-    assert " m +- 0." in shown["explain"]
-
-
 # Long work says that it goes on: a moving line in a terminal, lines elsewhere, nothing for what is done at once.
 
 
@@ -232,27 +193,6 @@ def test_in_a_terminal_a_moving_line_says_so(monkeypatch: pytest.MonkeyPatch, en
 def test_what_is_done_at_once_is_not_announced(capsys: pytest.CaptureFixture[str]) -> None:
     assert list(exits.count_items("abc", "counting", 3)) == ["a", "b", "c"]
     assert capsys.readouterr() == ("", "")
-
-
-@pytest.mark.usefixtures("at_once")
-def test_what_is_written_meanwhile_is_never_glued_to_the_moving_line(
-    monkeypatch: pytest.MonkeyPatch, ends: list[int]
-) -> None:
-    monkeypatch.setenv("TERM", "xterm")
-    reading, writing = os.openpty()
-    ends.append(reading)
-    with os.fdopen(writing, "w", buffering=1) as stream:
-        monkeypatch.setattr(sys, "stderr", stream)
-        with exits.working("counting sheep"):
-            shown = os.read(reading, 4096).decode()
-            while "sheep" not in shown:
-                shown += os.read(reading, 4096).decode()
-            typer.echo("a black one", err=True)
-            while "a black one" not in shown:
-                shown += os.read(reading, 4096).decode()
-    before, after = shown.split("a black one")
-    assert before.endswith(("\x1b[2K", "\r")), "the moving line was not cleared"
-    assert after.startswith("\r\n")
 
 
 # The line that a problem is about is shown, and no secret with it.

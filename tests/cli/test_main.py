@@ -11,7 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from stadimeter.cli.main import GONE, PANELS, STILL, app, place_of
+from stadimeter.cli.main import PANELS, STILL, app, place_of
 from stadimeter.config import plugins
 
 HEAVY = ("cv2", "numpy", "pydantic", "paho", "gpiozero", "serial", "stadimeter.app", "stadimeter.config")
@@ -108,14 +108,6 @@ def test_the_help_lists_what_is_needed_first_and_with_all_every_command_in_group
     shown = CliRunner().invoke(app, ["help", "--all"]).output
     assert [name for name in LISTED if f"│ {name} " in shown] == LISTED
     assert [heading for heading in PANELS if f"─ {heading} ─" in shown] == [*PANELS]
-
-
-@pytest.mark.parametrize("name", GONE)
-def test_a_command_that_left_is_refused_with_what_to_do_instead(name, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "500")
-    done = CliRunner().invoke(app, name.split())
-    assert done.exit_code == 2
-    assert GONE[name] in done.output
 
 
 def test_what_stops_goes_on_under_its_old_name(monkeypatch, tmp_path):

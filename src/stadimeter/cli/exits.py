@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TextIO, TypeVar
+from typing import Annotated, NoReturn, TypeVar
 
 import typer
 
@@ -219,30 +219,12 @@ def _show(now: list[str], is_over: threading.Event, after_s: float | None) -> No
 
 
 def _show_moving(now: list[str], is_over: threading.Event, began_s: float) -> None:
-    from rich import console, file_proxy, live, spinner  # noqa: PLC0415 - not needed for what is done at once
+    from rich import console, live, spinner  # noqa: PLC0415 - not needed for what is done at once
 
-    class Above(file_proxy.FileProxy):
-        encoding = "utf-8"  # a FileProxy names none, and typer then writes past it: glued to the moving line
-        errors = "replace"
-
-    terminal, dots = console.Console(stderr=True), spinner.Spinner("dots", now[0])
-    line = live.Live(dots, console=terminal, transient=True, redirect_stdout=False, redirect_stderr=False)
-    with _write_above(lambda stream: Above(terminal, stream)), line:
+    dots = spinner.Spinner("dots", now[0])
+    with live.Live(dots, console=console.Console(stderr=True), transient=True, redirect_stdout=False):
         while not is_over.wait(0.25):
             dots.update(text=_words(now[0], began_s))
-
-
-@contextmanager
-def _write_above(above: Callable[[TextIO], Any]) -> Iterator[None]:
-    """Put above the moving line what is written on the terminal meanwhile. What goes elsewhere still goes there."""
-    before = sys.stdout, sys.stderr
-    if sys.stdout.isatty():
-        sys.stdout = above(sys.stdout)
-    sys.stderr = above(sys.stderr)
-    try:
-        yield
-    finally:
-        sys.stdout, sys.stderr = before
 
 
 def _show_in_lines(now: list[str], is_over: threading.Event, began_s: float) -> None:

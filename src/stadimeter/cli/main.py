@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import codecs
 import gc
 import os
 import sys
-import unicodedata
 from collections.abc import Mapping
 from importlib import import_module
 from io import TextIOWrapper
@@ -92,22 +90,6 @@ def place_of(name: str) -> tuple[str, str]:
 # What stops something goes on under its old name: no script shall fail at that.
 STILL = {"stop-outputs": ("outputs", "stop"), "disarm": ("outputs", "disarm"), "safe": ("outputs", "safe")}
 
-# What was a command once, and what to do in its place.
-GONE = {
-    "what-if": "`stadimeter tune RULE RECORDING --set KEY=VALUE` tries other settings of an alarm",
-    "teach": "`stadimeter tune RULE --mark MARK` finds settings that meet marks; `--save 1` saves the first",
-    "stop-outputs --release": "`stadimeter outputs release` does it",
-    "arm": "`stadimeter outputs arm` does it",
-    "clip": "`stadimeter record --clip` does it",
-    "models": "`stadimeter doctor models FILE` says what a network is, and `doctor models NAME` fetches one",
-    "schema": "`stadimeter check --schema` prints it",
-    "locate": "`stadimeter measure PICTURE --where --config CONFIG` prints where the camera was",
-    "certify": "`stadimeter site certify` does it",
-    "mounting": "`stadimeter site save`, `site check` and `site confirm` do it",
-    "bench": "`stadimeter doctor` says how fast this board is",
-    "prove": "docs/safety.md has what was proven of each base; `make prove`, in a checkout, proves a configuration",
-}
-
 
 class Commands(TyperGroup):
     """Every command, in the order of the help. Only the module of the command that is called is loaded.
@@ -139,10 +121,6 @@ class Commands(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Load the command that is called, and let the group go on with it."""
         called = args[0] if args else ""
-        if called == "stop-outputs" and "--release" in args:
-            called = "stop-outputs --release"
-        if called in GONE:
-            ctx.fail(f"there is no command '{called}' any more: {GONE[called]}")
         if called in STILL:
             typer.echo(f"note: say `stadimeter {' '.join(STILL[called])}` in place of `{called}`", err=True)
             args = [*STILL[called], *args[1:]]
@@ -230,67 +208,11 @@ def show_help(
     typer.echo(above.get_help(), nl=False)
 
 
-# What stands for a character where a terminal or file cannot take it.
-PLAIN = {
-    "±": "+-", "°": " deg", "…": "...", "²": "2", "³": "3", "—": "-", "–": "-", "−": "-", "·": "-", "•": "*", "→": "->",
-    "←": "<-", "≥": ">=", "≤": "<=", "≈": "~", "×": "x", "÷": "/", "σ": "sigma", "µ": "u", "μ": "u", "π": "pi",
-    "ω": "omega", "Ω": "ohm",
-    "\N{LEFT SINGLE QUOTATION MARK}": "'", "\N{RIGHT SINGLE QUOTATION MARK}": "'", "“": '"', "”": '"', "„": '"',
-    "━": "=", "│": "|", "┃": "|", "●": "*", "○": "o", "█": "#", "▀": "#", "▄": "#", "✓": "ok", "✗": "x",
-    "\N{NO-BREAK SPACE}": " ", "\N{NARROW NO-BREAK SPACE}": " ",
-}  # fmt: skip
-
-# The name of the error handler for encodings that puts `plain` in place of what an encoding lacks.
-PLAIN_ERRORS = "stadimeter.plain"
-
-
-def plain(character: str) -> str:
-    """Return the ASCII text for a character; its number for a letter, which may be part of a file's name."""
-    if character.isascii():
-        return character
-    if character in PLAIN:
-        return PLAIN[character]
-    if "BOX DRAWINGS" in (name := unicodedata.name(character, "")):
-        return "-" if name.endswith("HORIZONTAL") and "AND" not in name else "+"
-    return character.encode("ascii", "backslashreplace").decode("ascii")
-
-
-def _write_plain(error: UnicodeError) -> tuple[str, int]:
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    return "".join(map(plain, error.object[error.start : error.end])), error.end
-
-
-def _plain_codec(name: str) -> codecs.CodecInfo | None:
-    if name != _PLAIN_ASCII:
-        return None
-    ascii_codec = codecs.lookup("ascii")
-    return codecs.CodecInfo(
-        *ascii_codec,
-        incrementalencoder=ascii_codec.incrementalencoder,
-        incrementaldecoder=ascii_codec.incrementaldecoder,
-        name=name,
-    )
-
-
-# ASCII under a name of its own. Typer takes a stream of the other name for a mistake, and writes UTF-8 to it.
-_PLAIN_ASCII = "plain_ascii"
-
-codecs.register_error(PLAIN_ERRORS, _write_plain)
-codecs.register(_plain_codec)
-
-
-def write_plainly(stream: TextIOWrapper) -> None:
-    """Have a stream take every text: with plain characters in place of those that its encoding lacks."""
-    is_ascii = codecs.lookup(stream.encoding).name == "ascii"
-    stream.reconfigure(encoding=_PLAIN_ASCII if is_ascii else None, errors=PLAIN_ERRORS)
-
-
 def main() -> None:
     """Run the command line and leave the process with its exit code."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # a file's name need be no text, nor need a terminal know every letter
-            write_plainly(stream)
+            stream.reconfigure(errors="backslashreplace")
     if isinstance(sys.stdin, TextIOWrapper):
         sys.stdin.reconfigure(errors="replace")  # what is typed need not be text either
     if "_STADIMETER_COMPLETE" in os.environ:
