@@ -19,7 +19,6 @@ from stadimeter.workbench.doctor.checks import CHECKS
 from stadimeter.workbench.doctor.computer import CommandResult, Computer, Diagnosis, Examined
 
 GROUP = "root:x:0:\ndialout:x:20:{dialout}\nvideo:x:44:{video}\ngpio:x:986:{gpio}\n"
-PASSWD = "root:x:0:0:root:/root:/bin/bash\nmaker:x:1000:1000:,,,:/home/maker:/bin/bash\n"
 STATUS = "Name:\tpython\nUid:\t{uid}\t{uid}\t{uid}\t{uid}\nGroups:\t{groups} \n"
 OF_UNIT = "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileState,StatusText"
 SAFE_CHECK = "/usr/lib/stadimeter/safe-outputs --check"
@@ -70,7 +69,6 @@ class Captured(Struct, frozen=True, kw_only=True):
     imports: Sequence[Any] = LOADED
     imports_code: int | None = 0
     cameras: Sequence[Any] | None = ()
-    environment: Mapping[str, str] = field(default_factory=dict)
     is_clock_right: bool = True
     free_bytes: float = 20e9
 
@@ -99,7 +97,6 @@ class Captured(Struct, frozen=True, kw_only=True):
         return Computer(
             root=root,
             run=self._run,
-            environment=self.environment,
             is_clock_right=lambda: self.is_clock_right,
             free_bytes=lambda _path: int(self.free_bytes),
         )
@@ -116,10 +113,6 @@ class Captured(Struct, frozen=True, kw_only=True):
 PLACES = {
     "cmdline": "/proc/cmdline",
     "group": "/etc/group",
-    "hwmon_alarm": "/sys/class/hwmon/hwmon1/in0_lcrit_alarm",
-    "hwmon_name": "/sys/class/hwmon/hwmon1/name",
-    "passwd": "/etc/passwd",
-    "program": "/opt/stadimeter/bin/stadimeter",
     "safe_conf": "/run/stadimeter/safe-outputs.conf",
     "status": "/proc/self/status",
     "video0": "/sys/class/video4linux/video0/name",
@@ -131,7 +124,6 @@ def _pi(model: str, name: str, cmdline: str, **files: str) -> Captured:
         "/proc/device-tree/model": f"{model}\0",
         "/etc/os-release": f'PRETTY_NAME="{name}"\nNAME="Debian GNU/Linux"\n',
         PLACES["cmdline"]: cmdline,
-        PLACES["passwd"]: PASSWD,
         PLACES["group"]: GROUP.format(dialout="maker", video="maker", gpio="maker"),
         PLACES["status"]: STATUS.format(uid=1000, groups="20 44 986 1000"),
         "/usr/lib/stadimeter/safe-outputs": "",
@@ -195,7 +187,6 @@ PC = Captured(
     files={
         "/etc/os-release": 'PRETTY_NAME="Debian GNU/Linux 13 (trixie)"\n',
         PLACES["cmdline"]: "BOOT_IMAGE=/boot/vmlinuz-6.12 root=UUID=9d1c ro quiet\n",
-        PLACES["passwd"]: PASSWD,
         PLACES["group"]: "root:x:0:\ndialout:x:20:maker\nvideo:x:44:maker\n",
         PLACES["status"]: STATUS.format(uid=1000, groups="20 44 1000"),
     },

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import sys
@@ -23,7 +22,6 @@ from stadimeter.workbench.doctor.computer import (
 )
 from support.captured_computers import (
     APT,
-    GROUP,
     IMX219,
     LOADED,
     OF_UNIT,
@@ -61,12 +59,12 @@ def test_everything_that_a_newcomer_forgot_is_found(tmp_path: Path) -> None:
     found = worst(examine(ZERO_2, tmp_path))
     assert [words.split(":")[0].split(",")[0] for words in found[WRONG]] == [
         "under-voltage and throttled now (vcgencmd get_throttled",
-        "the user maker is in the group video since the last login only",
         "no camera is found",
     ]
     assert [words.split(",")[0] for words in found[WARNING]] == [
-        "the user maker is not in the group dialout",
-        "the user maker is not in the group gpio",
+        "this user is not in the group dialout",
+        "this user is not in the group video",
+        "this user is not in the group gpio",
         "the library lgpio",
         "the board does not restart when the system hangs",
     ]
@@ -88,15 +86,8 @@ class TestSupply:
         assert found.severity is severity
         assert found.seen.startswith(seen)
 
-    @pytest.mark.parametrize(("alarm", "severity"), [("1", WRONG), ("0", FINE)])
-    def test_without_vcgencmd_the_kernel_is_asked(
-        self, tmp_path: Path, alarm: str, severity: DiagnosisSeverity
-    ) -> None:
-        plain = replace(PI_4, commands={}).with_files(hwmon_name="rpi_volt\n", hwmon_alarm=f"{alarm}\n")
-        assert only(plain, tmp_path, "supply").severity is severity
 
-
-@pytest.mark.parametrize(("free", "severity"), [(50e6, WRONG), (300e6, WARNING), (600e6, FINE)])
+@pytest.mark.parametrize(("free", "severity"), [(300e6, WARNING), (600e6, FINE)])
 def test_a_disk_that_is_almost_full_is_found(tmp_path: Path, free: float, severity: DiagnosisSeverity) -> None:
     assert only(replace(PC, free_bytes=free), tmp_path, "disk").severity is severity
 
@@ -257,38 +248,6 @@ class TestService:
 
 
 class TestConfiguration:
-    CHECK = f"/opt/stadimeter/bin/stadimeter check --json {INSTALLED}"
-
-    @pytest.mark.parametrize(
-        ("said", "severity", "seen"),
-        [
-            (
-                {"problems": [], "warnings": []},
-                FINE,
-                f"{INSTALLED} can be used, and `check` finds nothing",
-            ),
-            (
-                {"problems": [{"message": "camera.toml: Permission denied"}], "warnings": []},
-                WRONG,
-                f"{INSTALLED}: camera.toml: Permission denied",
-            ),
-            (
-                {"problems": [], "warnings": [{"message": "not ours to open", "code": "driver-lacks"}]},
-                WRONG,
-                f"{INSTALLED}: not ours to open",
-            ),
-            (None, UNKNOWN, f"whether the service can use {INSTALLED}"),
-        ],
-    )
-    def test_root_is_told_what_the_service_may_read_and_open(
-        self, tmp_path: Path, said: object, severity: DiagnosisSeverity, seen: str
-    ) -> None:
-        root = TestService.installed(PI_4).with_files(program="")
-        if said is not None:
-            root = root.printing(self.CHECK, json.dumps(said))
-        found = only(root, tmp_path, "configuration")
-        assert (found.severity, found.seen) == (severity, seen)
-
     def test_the_first_error_is_shown_in_a_line(self, tmp_path: Path) -> None:
         config = tmp_path / "bad.toml"
         config.write_text("[camera]\ndriver = 'simulated'\nfast = 1\n[rules.x]\nwhen = 3\n")
@@ -318,28 +277,17 @@ NOT_FREE = f"{IN_USE}: motion (412); close that one"
 
 
 class TestGroups:
-    def test_a_group_since_this_login_needs_another_login(self, tmp_path: Path) -> None:
-        stale = PI_4.with_files(status=STATUS.format(uid=1000, groups="44 1000"))
-        found = examine(stale, tmp_path, "groups")
-        assert [each.severity for each in found] == [WRONG, WRONG]
-        assert found[0].seen.startswith("the user maker is in the group dialout since the last login only")
-        assert found[0].remedy == "log out and in again, or restart"
-
     def test_a_group_that_is_lacked_is_named_with_its_remedy(self, tmp_path: Path) -> None:
-        none = PI_4.with_files(
-            group=GROUP.format(dialout="", video="", gpio=""), status=STATUS.format(uid=1000, groups="1000")
-        )
+        none = PI_4.with_files(status=STATUS.format(uid=1000, groups="1000"))
         found = examine(none, tmp_path, "groups")
         assert [each.severity for each in found] == [WARNING] * 3
-        assert "`sudo usermod -aG video maker`, then log out and in again" in {each.remedy for each in found}
+        assert "`sudo usermod -aG video $USER`, then log out and in again, or restart" in {
+            each.remedy for each in found
+        }
 
-    def test_root_is_asked_for_whoever_called_sudo(self, tmp_path: Path) -> None:
-        root = PI_4.with_files(
-            group=GROUP.format(dialout="maker", video="", gpio="maker"), status=STATUS.format(uid=0, groups="0")
-        )
+    def test_root_may_use_all(self, tmp_path: Path) -> None:
+        root = PI_4.with_files(status=STATUS.format(uid=0, groups="0"))
         assert only(root, tmp_path, "groups").seen.startswith("root may use every device")
-        found = only(replace(root, environment={"SUDO_USER": "maker"}), tmp_path, "groups")
-        assert found.seen.startswith("the user maker is not in the group video")
 
 
 class TestCameras:

@@ -14,8 +14,8 @@ from typing import Any
 
 from msgspec import Struct
 
-from stadimeter.app.live.health import is_under_voltage, throttling
-from stadimeter.config.extras import LIBRARIES, PACKAGE_AGAIN, PACKAGED, guide, install_line
+from stadimeter.app.live.health import throttling
+from stadimeter.config.extras import LIBRARIES, PACKAGE_AGAIN, guide, install_line
 from stadimeter.messaging.protocol import ReachesItsPeer
 from stadimeter.workbench.doctor.computer import (
     COMMAND_S,
@@ -40,7 +40,6 @@ SUPPLY = (
 COOL = "a heat sink or a fan, and air around the board"
 # To load the libraries takes a Zero 2 W some seconds.
 SPEED_S = 30.0
-SCARCE_BYTES = 100e6
 LOW_BYTES = 500e6
 
 
@@ -62,11 +61,7 @@ def supply(examined: Examined) -> Iterator[Diagnosis]:
         return
     found = re.search(r"throttled=0x([0-9a-fA-F]+)", computer.prints("vcgencmd", "get_throttled"))
     if found is None:
-        is_low = is_under_voltage(computer.root)
-        if is_low is None:
-            yield unknown("whether the supply suffices: neither vcgencmd nor the kernel says")
-        else:
-            yield wrong("under-voltage now, says the kernel", SUPPLY) if is_low else fine("no under-voltage now")
+        yield unknown("whether the supply suffices: vcgencmd does not say")
         return
     state = throttling(int(found[1], 16))
     words = f"vcgencmd get_throttled: 0x{found[1]}"
@@ -112,10 +107,7 @@ def disk(examined: Examined) -> Iterator[Diagnosis]:
         return
     seen = f"{free / 1e9:.1f} GB are free below /var"
     remedy = "delete old journals and recordings (`sudo du -xh / | sort -h | tail` finds what is large)"
-    if free >= LOW_BYTES:
-        yield fine(seen)
-    else:
-        yield wrong(seen, remedy) if free < SCARCE_BYTES else warning(seen, remedy)
+    yield fine(seen) if free >= LOW_BYTES else warning(seen, remedy)
 
 
 # Groups, cameras, pins and serial ports ----------------------------------------------------------------------------
@@ -137,31 +129,20 @@ ATTACH_TO_PI = (
 
 
 def groups(examined: Examined) -> Iterator[Diagnosis]:
-    """Tell whether this user may use cameras, serial ports and pins: by the group file, and by this process."""
+    """Tell whether this process may use cameras, serial ports and pins."""
     computer = examined.computer
-    status = dict(line.split(":", 1) for line in computer.text("/proc/self/status").splitlines() if ":" in line)
-    uid, of_process = (status.get("Uid") or "?").split()[0], set(status.get("Groups", "").split())
-    if sudo := computer.environment.get("SUDO_USER", "") if uid == "0" else "":
-        of_process = set()  # those of root say nothing about who called sudo
-    users = [line.split(":") for line in computer.text("/etc/passwd").splitlines()]
-    user = sudo or next((each[0] for each in users if each[2:3] == [uid]), uid)
-    if user == "root":
+    if computer.is_root:
         yield fine("root may use every device; other users need the groups video, dialout and gpio")
         return
+    status = re.search(r"^Groups:(.*)", computer.text("/proc/self/status"), re.MULTILINE)
+    ours = status[1].split() if status else ()
     entries = [line.split(":") for line in computer.text("/etc/group").splitlines() if line.count(":") == 3]
-    troubles = []
-    for group, _password, number, members in entries:
-        if group not in GROUPS or number in of_process:
-            continue
-        if user not in members.split(","):
-            seen = f"the user {user} is not in the group {group}, which may use {GROUPS[group]}"
-            troubles.append(warning(seen, f"`sudo usermod -aG {group} {user}`, then log out and in again"))
-        elif of_process:
-            seen = (
-                f"the user {user} is in the group {group} since the last login only, so may not use {GROUPS[group]} yet"
-            )
-            troubles.append(wrong(seen, "log out and in again, or restart"))
-    yield from troubles or [fine(f"the user {user} may use cameras, serial ports and pins")]
+    lacking = [group for group, _password, number, _members in entries if group in GROUPS and number not in ours]
+    for group in lacking:
+        remedy = f"`sudo usermod -aG {group} $USER`, then log out and in again, or restart"
+        yield warning(f"this user is not in the group {group}, which may use {GROUPS[group]}", remedy)
+    if not lacking:
+        yield fine("this user may use cameras, serial ports and pins")
 
 
 def cameras(examined: Examined) -> Iterator[Diagnosis]:
@@ -256,39 +237,23 @@ def serial(examined: Examined) -> Iterator[Diagnosis]:
 # The findings of ``check`` that keep a configuration from running on this computer.
 ELSEWHERE = frozenset({"driver-lacks", "will-not-run"})
 
-# What the service runs; ``check`` of it goes on as the service's user.
-PROGRAM = f"{PACKAGED}/bin/stadimeter"
-CHECK_S = 30.0
-
 
 def configuration(examined: Examined) -> Iterator[Diagnosis]:
-    """Tell in a line what ``check`` finds, for the service's configuration what it finds as the service's user."""
-    computer, found = examined.computer, examined.configured
+    """Tell in a line what ``check`` finds."""
+    found = examined.configured
     if found.why_none is not None:
         yield found.why_none
         return
     if found.configuration is None:
         yield unknown(f"there is no {INSTALLED}", "name yours: `stadimeter doctor CONFIG`")
         return
-    path, remedy = str(found.configuration.path), f"`stadimeter check {found.configuration.path}` shows all"
-    if computer.is_root and examined.is_of_service and computer.has(PROGRAM):  # to root everything is open
-        path, remedy = INSTALLED, f"`sudo stadimeter check {INSTALLED}` shows all"
-        answer = computer.run((PROGRAM, "check", "--json", INSTALLED), CHECK_S)
-        try:
-            said = json.loads(answer.output if answer else "")
-            problems = [(each["message"], "will-not-run") for each in said["problems"]]
-            problems += [(each["message"], each["code"]) for each in said["warnings"]]
-        except (ValueError, KeyError):
-            yield unknown(f"whether the service can use {INSTALLED}", remedy)
-            return
-    else:
-        problems = [(each.message, each.code) for each in found.find_warnings()]
+    path, problems = found.configuration.path, found.find_warnings()
     if not problems:
         yield fine(f"{path} can be used, and `check` finds nothing")
         return
     more = f"; and {len(problems) - 1} more" if len(problems) > 1 else ""
-    judged = wrong if any(code in ELSEWHERE for _, code in problems) else warning
-    yield judged(f"{path}: {problems[0][0]}{more}", remedy)
+    judged = wrong if any(each.code in ELSEWHERE for each in problems) else warning
+    yield judged(f"{path}: {problems[0].message}{more}", f"`stadimeter check {path}` shows all")
 
 
 def broker(examined: Examined) -> Iterator[Diagnosis]:

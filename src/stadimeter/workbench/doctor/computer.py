@@ -13,7 +13,7 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
@@ -21,7 +21,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from msgspec import Struct, field
+from msgspec import Struct
 
 from stadimeter.app.clock import is_synchronised
 from stadimeter.config.extras import NUMPY_1, PACKAGE_AGAIN, PACKAGED, PICAMERA2, PICAMERA2_TOO_OLD, SEE_SYSTEM
@@ -113,7 +113,6 @@ class Computer(Struct, frozen=True, kw_only=True):
 
     root: Path = Path("/")
     run: Callable[[Sequence[str], float], CommandResult | None] = run_command
-    environment: Mapping[str, str] = field(default_factory=lambda: os.environ)
     is_clock_right: Callable[[], bool] = is_synchronised
     free_bytes: Callable[[Path], int] = lambda path: shutil.disk_usage(path).free
 
