@@ -16,7 +16,6 @@ from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.core.message import Message
 from stadimeter.errors import ConfigError
 from stadimeter.simulation.base import SimulatedBaseOptions
-from stadimeter.simulation.devices import LevelChange
 from stadimeter.simulation.emulated_base import EmulatedPort
 from stadimeter.simulation.firmware import EmulatedRosArduinoOptions, RosArduinoFirmware
 from stadimeter.testing.rig import ManualClock
@@ -258,20 +257,6 @@ def command(level: float) -> LevelCommand:
     return LevelCommand(output="it", level=level, captured_at_s=1.0)
 
 
-def test_it_remembers_what_it_did_when(run) -> None:
-    actuator = run.build(ACTUATORS)
-    actuator.open()
-    for level in (0.0, 0.4, 0.4, 1.0):
-        run.clock.advance_s(1.0)
-        actuator.apply(command(level))
-    actuator.stop()
-    assert list(actuator.changes) == [
-        LevelChange(at_s=102.0, level=0.4),
-        LevelChange(at_s=104.0, level=1.0),
-        LevelChange(at_s=104.0, level=0.0),
-    ]
-
-
 @pytest.mark.parametrize(("steps", "asked", "done"), [(1, 0.4, 0.0), (1, 0.6, 1.0), (4, 0.3, 0.25), (None, 0.3, 0.3)])
 def test_a_level_is_rounded_to_the_steps_that_it_can_do(run, steps: int | None, asked: float, done: float) -> None:
     actuator = run.build(ACTUATORS, steps=steps)
@@ -280,8 +265,8 @@ def test_a_level_is_rounded_to_the_steps_that_it_can_do(run, steps: int | None, 
     assert actuator.level == done
 
 
-def message(text: str, qos: int = 1, expires_s: int | None = None) -> Message:
-    return Message(topic="event", payload=text, qos=qos, expires_s=expires_s)
+def message(text: str, qos: int = 1) -> Message:
+    return Message(topic="event", payload=text, qos=qos)
 
 
 def opened_messenger(run, **options):

@@ -6,7 +6,7 @@ import math
 from typing import Annotated, ClassVar
 
 from msgspec.structs import replace
-from pydantic import AfterValidator
+from pydantic import Field
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Duration, Speed
@@ -15,18 +15,12 @@ from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError
 from stadimeter.simulation.world import shared_world
 
 
-def _check_speed(speed_mps: float) -> float:
-    if speed_mps == 0:
-        raise ValueError("a base whose wheels cannot turn goes nowhere; write a speed such as '0.5 m/s'")
-    return speed_mps
-
-
 class SimulatedBaseOptions(DriverOptions):
     """The table of a simulated base in the configuration."""
 
     needs_world: ClassVar = True
 
-    max_wheel_speed: Annotated[Speed, AfterValidator(_check_speed)] = 0.5
+    max_wheel_speed: Annotated[Speed, Field(gt=0)] = 0.5
     """No wheel runs faster."""
     auto_stop: Duration = 2.0
     """The wheels stop when no command came for this long, as firmware does; 0 for never."""

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Coordinate, Duration, Frequency
@@ -431,22 +431,13 @@ class _SensorNoise:
         cv2.subtract(image, self._darker[rows, columns], dst=image)
 
 
-# One frame in 100 s. Between two frames the stepped clock goes through every timer of the run: at 1e-12 Hz, for ever.
-MIN_RATE_HZ = 0.01
-
-
-def _check_rate(rate_hz: float) -> float:
-    if rate_hz < MIN_RATE_HZ:
-        raise ValueError(f"a rate of {rate_hz:g} Hz gives no frames; write {MIN_RATE_HZ:g} Hz or more, such as '30 Hz'")
-    return rate_hz
-
-
 class SimulatedCameraOptions(DriverOptions):
     """The table of a simulated camera in the configuration."""
 
     needs_world: ClassVar = True
 
-    rate: Annotated[Frequency, AfterValidator(_check_rate)] = 30.0
+    # Between two frames the stepped clock goes through every timer of the run: at 1e-12 Hz, for ever.
+    rate: Annotated[Frequency, Field(ge=0.01)] = 30.0
     """Frames in a second."""
     render: bool = True
     """Whether to draw pictures. Without, every frame is black and costs nothing: for the detector ``ideal``."""

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from typing import ClassVar
 
-from msgspec import Struct
 from msgspec.structs import replace
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -16,9 +14,6 @@ from stadimeter.core.command import LevelCommand
 from stadimeter.errors import DeviceClosedError, LinkLostError
 from stadimeter.sensors.protocol import Echo
 from stadimeter.simulation.world import shared_world
-
-# How many changes of level an actuator remembers.
-CHANGES_MAX = 10_000
 
 
 class SimulatedActuatorOptions(DriverOptions):
@@ -36,23 +31,13 @@ class SimulatedActuatorOptions(DriverOptions):
         return True
 
 
-class LevelChange(Struct, frozen=True, kw_only=True):
-    """A change of level."""
-
-    at_s: float  # when, on the run's clock
-    level: float  # the level from then on
-
-
 class SimulatedActuator:
-    """An actuator that remembers what it did."""
+    """An actuator that remembers its level."""
 
     def __init__(self, options: SimulatedActuatorOptions, context: DriverContext) -> None:
         self.level = 0.0  # the level that it acts with
-        # When the level changed to what, oldest first. Bounded: the oldest are forgotten.
-        self.changes: deque[LevelChange] = deque(maxlen=CHANGES_MAX)
         self._steps = options.steps
         self._name = context.name
-        self._clock = context.clock
         self._is_open = False
 
     @property
@@ -67,9 +52,8 @@ class SimulatedActuator:
     def apply(self, command: LevelCommand) -> LevelCommand:
         """Act as commanded, and return the command with the level rounded to the nearest of the device's steps."""
         self._check_open()
-        level = round(command.level * self._steps) / self._steps if self._steps else command.level
-        self._set(level)
-        return command if level == command.level else replace(command, level=level)
+        self.level = round(command.level * self._steps) / self._steps if self._steps else command.level
+        return command if self.level == command.level else replace(command, level=self.level)
 
     def tick(self, now_s: float) -> None:  # noqa: ARG002 -- the protocol has it; this device has no patterns
         """Do nothing: it has no patterns."""
@@ -78,17 +62,12 @@ class SimulatedActuator:
     def stop(self) -> None:
         """Switch off at once. Does nothing when closed."""
         if self._is_open:
-            self._set(0.0)
+            self.level = 0.0
 
     def close(self) -> None:
         """Switch off and be closed. May be called any number of times."""
         self.stop()
         self._is_open = False
-
-    def _set(self, level: float) -> None:
-        if level != self.level:
-            self.level = level
-            self.changes.append(LevelChange(at_s=self._clock.now_s(), level=level))
 
     def _check_open(self) -> None:
         if not self._is_open:

@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.decision import first_to_go
-from stadimeter.core.message import NEWS_S, Message, Notification, as_history
+from stadimeter.core.message import Message, Notification
 from stadimeter.errors import DeviceClosedError
 from stadimeter.simulation.world import shared_world
 
@@ -35,7 +35,7 @@ class Outbox(Generic[ItemT]):
     """The items delivered, and those waiting for the other side: delivered at the next use after that is back.
 
     Attributes:
-        given_up: How many were given up: pushed out of the queue, or past their time.
+        given_up: How many were pushed out of the queue.
     """
 
     GONE: ClassVar[str]
@@ -45,20 +45,12 @@ class Outbox(Generic[ItemT]):
         self._name = f"the simulated {kind} '{context.name}'"
         self._clock = context.clock
         self._sent: deque[Sent[ItemT]] = deque(maxlen=SENT_MAX)
-        self._waiting: deque[tuple[float, ItemT]] = deque()
+        self._waiting: deque[ItemT] = deque()
         self._is_open = False
 
     @abstractmethod
     def is_away(self) -> bool:
         """Check whether the other side is away now."""
-
-    def _expires_s(self, item: ItemT) -> float | None:  # noqa: ARG002 - what expires says so
-        """Return for how long something may wait; None for ever."""
-        return None
-
-    def _as_sent(self, item: ItemT, waited_s: float) -> ItemT:  # noqa: ARG002 - what says that it is late does so
-        """Return an item as it goes out after this time."""
-        return item
 
     @property
     def sent(self) -> tuple[Sent[ItemT], ...]:
@@ -72,7 +64,7 @@ class Outbox(Generic[ItemT]):
 
     def undelivered(self) -> tuple[ItemT, ...]:
         """List what waits for the other side, oldest first."""
-        return tuple(item for _, item in tuple(self._waiting))  # copied first: the loop goes on meanwhile
+        return tuple(self._waiting)
 
     def trouble(self) -> str:
         """Return in words what is wrong with the connection, or an empty string if it stands."""
@@ -94,24 +86,18 @@ class Outbox(Generic[ItemT]):
 
     def _put(self, item: ItemT) -> None:
         self._deliver()
-        last = first_to_go(item.severity for _, item in self._waiting) if len(self._waiting) >= QUEUE_MAX else None
+        last = first_to_go(item.severity for item in self._waiting) if len(self._waiting) >= QUEUE_MAX else None
         if last is not None:
             del self._waiting[last]
             self.given_up += 1
-        self._waiting.append((self._clock.now_s(), item))
+        self._waiting.append(item)
         self._deliver()
 
     def _deliver(self) -> None:
         if not self._is_open or self.is_away():
             return
-        now_s = self._clock.now_s()
         while self._waiting:
-            since_s, item = self._waiting.popleft()
-            expires_s = self._expires_s(item)
-            if expires_s is None or now_s - since_s <= expires_s:
-                self._sent.append(Sent(at_s=now_s, item=self._as_sent(item, now_s - since_s)))
-            else:
-                self.given_up += 1
+            self._sent.append(Sent(at_s=self._clock.now_s(), item=self._waiting.popleft()))
 
 
 class SimulatedMessengerOptions(DriverOptions):
@@ -139,12 +125,6 @@ class SimulatedMessenger(Outbox[Message]):
     def is_away(self) -> bool:
         """Check whether the broker is gone."""
         return self._world.faults.broker_gone
-
-    def _expires_s(self, item: Message) -> float | None:
-        return item.expires_s
-
-    def _as_sent(self, item: Message, waited_s: float) -> Message:
-        return as_history(item) if waited_s > NEWS_S else item
 
     def publish(self, message: Message) -> None:
         """Deliver a message, or keep it until the broker is back."""

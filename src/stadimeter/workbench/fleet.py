@@ -1,13 +1,12 @@
 """The state of every device of a fleet, from the messages that a broker passes on.
 
 Nothing that arrives is trusted: topics, payloads and numbers are bounded, and texts lose their control characters. All
-devices, those of one name below the root, and each have bounds, so that none crowds out the others.
+devices have a bound, and each, so that none crowds out the others.
 """
 
 from __future__ import annotations
 
 import re
-from collections import Counter
 from typing import Annotated, Any, TypeVar
 
 import msgspec
@@ -23,8 +22,8 @@ from stadimeter.messaging.protocol import Received
 # A device reports its targets every `HEARTBEAT_S`; one of which three reports are missing is taken for dead.
 STALE_S = 3 * HEARTBEAT_S
 
-# Devices in all, and of one name below the root, such as a site; and targets and alarms of a device.
-MAX_DEVICES, MAX_DEVICES_EACH, MAX_ENTRIES = 5000, 1000, 200
+# Devices; and targets and alarms of a device.
+MAX_DEVICES, MAX_ENTRIES = 5000, 200
 MAX_PAYLOAD_BYTES = 16_000
 MAX_TOPIC_CHARACTERS, MAX_TEXT_CHARACTERS, MAX_INHIBITS = 300, 200, 8
 
@@ -131,7 +130,6 @@ class Fleet:
         self.root = root
         self.devices: dict[str, Device] = {}
         self.passed_over = 0
-        self._counts: Counter[str] = Counter()  # of devices, by the first level of their names
 
     @property
     def filters(self) -> tuple[str, ...]:
@@ -159,12 +157,10 @@ class Fleet:
 
     def _device(self, base: str, message: Received) -> Device | None:
         name = one_line(base.removeprefix(f"{self.root}/"))
-        first = name.partition("/")[0]
         if name not in self.devices and message.payload:
-            if len(self.devices) >= MAX_DEVICES or self._counts[first] >= MAX_DEVICES_EACH:
+            if len(self.devices) >= MAX_DEVICES:
                 self.passed_over += 1
                 return None
-            self._counts[first] += 1
             self.devices[name] = Device(name=name)
         return self.devices.get(name)
 
@@ -172,7 +168,6 @@ class Fleet:
         if len(message.payload) > MAX_PAYLOAD_BYTES:
             raise ValueError("the payload is too long")
         if kind == "availability" and not message.payload:  # a person had the broker forget it
-            self._counts[device.name.partition("/")[0]] -= 1
             del self.devices[device.name]
         elif kind == "availability":
             device.is_online = {b"online": True, b"offline": False}.get(message.payload)
