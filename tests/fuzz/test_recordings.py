@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import random
-import struct
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import lz4.frame
 import numpy as np
 import pytest
-import zstandard
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.journal import JournalWriter, RecordedConfiguration, load_recorded
@@ -135,42 +132,3 @@ def test_many_mutations_of_a_recording_are_no_tracebacks(
     tmp_path: Path, sound, mutate, name: str, seed: int, count: int
 ) -> None:
     fuzz(tmp_path / name, sound[name], mutate, seed, count)
-
-
-PACKERS: dict[str, Callable[[bytes], bytes]] = {"lz4": lz4.frame.compress, "zstd": zstandard.compress}
-
-
-def with_chunk(recording: bytes, packed_by: str, packed: bytes, says: int) -> bytes:
-    """Return a recording with one more chunk before its first one."""
-    name = packed_by.encode()
-    chunk = struct.pack("<QQQII", 0, 1, says, 0, len(name)) + name + struct.pack("<Q", len(packed)) + packed
-    at = 8
-    while recording[at] != 6:
-        at += 9 + int.from_bytes(recording[at + 1 : at + 9], "little")
-    return recording[:at] + struct.pack("<BQ", 6, len(chunk)) + chunk + recording[at:]
-
-
-@pytest.mark.parametrize("says", [1000, 30_000_000])
-@pytest.mark.parametrize("packed_by", PACKERS)
-def test_a_chunk_that_unpacks_to_more_than_it_may_is_refused(
-    tmp_path: Path, sound: dict[str, bytes], packed_by: str, says: int
-) -> None:
-    file = tmp_path / "run.mcap"
-    file.write_bytes(with_chunk(sound["run.mcap"], packed_by, PACKERS[packed_by](bytes(30_000_000)), says))
-    with pytest.raises(JournalError, match="the recording is damaged"):
-        list(records_of(read_recording(file)))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("says", [1000, 2**24, 2**30])
-@pytest.mark.parametrize("packed_by", PACKERS)
-def test_a_gigabyte_in_a_chunk_takes_no_more_memory(
-    tmp_path: Path, sound: dict[str, bytes], run_measured: Callable[..., Any], packed_by: str, says: int
-) -> None:
-    file = tmp_path / "run.mcap"
-    file.write_bytes(with_chunk(sound["run.mcap"], packed_by, PACKERS[packed_by](bytes(2**30)), says))
-    code, said, memory_kb = run_measured("replay", file)
-    assert code == 2
-    assert len(said.splitlines()) == 1
-    assert "Traceback" not in said
-    assert memory_kb <= 300_000

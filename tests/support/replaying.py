@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from stadimeter.cli.replay import Difference, Replay
+from stadimeter.cli.replay import Replay
 from stadimeter.core.decision import Event
 from stadimeter.workbench.replay import decisions
 from stadimeter.workbench.trial import Trial
@@ -15,7 +15,6 @@ class Compared(NamedTuple):
     identical: int
     events: list[Event]
     recorded_events: list[Event]
-    differences: list[Difference]
 
 
 def replay(recording, plan):
@@ -24,4 +23,4 @@ def replay(recording, plan):
     for cycle, observation, decision in decisions(recording, plan):
         found.add(cycle, observation, decision)
         recorded += cycle.decision().events
-    return Compared(found.trial.cycles, found.identical, found.trial.events, recorded, found.differences)
+    return Compared(found.trial.cycles, found.identical, found.trial.events, recorded)

@@ -204,16 +204,14 @@ def test_a_limit_that_is_never_crossed_loses_the_alarm_and_the_other_way_round_a
 def test_an_on_delay_shows_as_lateness_and_as_distance_let_pass():
     prompt = tallied(plan_of_alarm(), IN_AND_OUT).figures()[0]
     slow = tallied(plan_of_alarm(on_delay=OnDelay(hold_s=0.5)), IN_AND_OUT).figures()[0]
-    assert prompt.late_median_s == pytest.approx(0.0, abs=0.1)
-    assert slow.late_median_s == pytest.approx(0.5, abs=0.12)
-    assert slow.least_distance_m == pytest.approx(1.0 - 0.5 * 0.5, abs=0.06)
-    assert prompt.least_distance_m > slow.least_distance_m
+    assert prompt.late_worst_s == pytest.approx(0.0, abs=0.1)
+    assert slow.late_worst_s == pytest.approx(0.5, abs=0.12)
     assert (slow.missed, slow.unfounded) == (0, 0)
 
 
 def test_a_crossing_that_raised_nothing_is_missed():
     figures = tallied(plan_of_alarm(on_delay=OnDelay(hold_s=60.0)), IN_AND_OUT).figures()[0]
-    assert (figures.raised, figures.missed, figures.late_median_s) == (0, 1, None)
+    assert (figures.raised, figures.missed, figures.late_worst_s) == (0, 1, None)
 
 
 def seconds(count):
@@ -253,8 +251,8 @@ def test_every_event_is_counted_once(old_s, new_s):
 
     diff = compare(raised(old_s), raised(new_s))
     count = {name: sum(change.change == name for change in diff.changes) for name in ("added", "lost", "moved")}
-    assert diff.same + count["moved"] + count["lost"] == len(old_s)
-    assert diff.same + count["moved"] + count["added"] == len(new_s)
+    assert diff.same_events + count["moved"] + count["lost"] == len(old_s)
+    assert diff.same_events + count["moved"] + count["added"] == len(new_s)
     assert all(abs(change.by_s) <= 5.0 for change in diff.changes)
 
 

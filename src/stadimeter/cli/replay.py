@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from statistics import median
 from typing import Annotated, Any
@@ -57,7 +57,7 @@ def replay(
     Takes what was observed, decides again with the rules of CONFIG, and prints the events and how many decisions are
     the recorded ones. With the configuration of the recording, all of them are. With changed rules, this shows what
     they would have done; with --diff, compared with other rules: events that come, go and move, and for each rule its
-    transitions, latency, false alarms, and how near the target came while it was silent.
+    latency and its false alarms.
 
     **Examples**
 
@@ -86,18 +86,6 @@ def replay(
         typer.echo("\n".join(_lines(found, same_rules=same_rules)))
     if strict and found.identical != found.trial.cycles:
         raise typer.Exit(NOT_FOUND)
-
-
-# At most this many decisions that differ are shown field by field.
-SHOWN_DIFFERENCES = 10
-
-
-class Difference(Struct, kw_only=True):
-    """A cycle, counted from 0, in which parts of the decision are not the recorded ones."""
-
-    cycle: int
-    now_s: float
-    what: tuple[str, ...]
 
 
 class MeasuredAgain(Struct, frozen=True, kw_only=True):
@@ -130,7 +118,6 @@ class Replay(Struct, kw_only=True):
 
     trial: Trial
     identical: int = 0
-    differences: list[Difference] = field(default_factory=list)
     frames: int = 0
     recorded_frames: int = 0
     targets: set[str] = field(default_factory=set)
@@ -139,13 +126,7 @@ class Replay(Struct, kw_only=True):
 
     def add(self, cycle: RecordedCycle, observation: Observation, decision: Decision) -> None:
         """Add one cycle; raises JournalError if the recorded one is damaged."""
-        recorded = cycle.decision()
-        if decision == recorded:
-            self.identical += 1
-        elif len(self.differences) < SHOWN_DIFFERENCES:
-            names = [name for name in Decision.__struct_fields__ if name != "reasons"]
-            what = tuple(name for name in names if getattr(decision, name) != getattr(recorded, name))
-            self.differences.append(Difference(cycle=self.trial.cycles, now_s=observation.now_s, what=what))
+        self.identical += decision == cycle.decision()
         self.trial.add(observation, decision)
         self.recorded_frames += cycle.has_frame()
         if observation.frame is not None:
@@ -176,8 +157,10 @@ class Replay(Struct, kw_only=True):
 def replay_beside(new: ReplayRun, old: ReplayRun | None = None, journal: Path | None = None) -> Replay:
     """Replay a recording; with other rules, compare the two; write what is decided to a journal, if there is one."""
     found = Replay(trial=Trial(plan=new.configuration.plan))
-    with _open_journal(new, journal) as replayed:
-        for cycle, observation, decision in replayed:
+    with _open_journal(new, journal) as write:
+        for replayed in new:
+            cycle, observation, decision = replayed
+            write(replayed)
             found.add(cycle, observation, decision)
             if new.from_images:
                 found.add_again(cycle.observation(), observation)
@@ -190,31 +173,27 @@ def replay_beside(new: ReplayRun, old: ReplayRun | None = None, journal: Path | 
 
 
 @contextmanager
-def _open_journal(run: ReplayRun, journal: Path | None) -> Iterator[Iterator[Replayed]]:
-    """Go through a replay, and write what is decided to a journal if there is to be one."""
+def _open_journal(run: ReplayRun, journal: Path | None) -> Iterator[Callable[[Replayed], None]]:
+    """Yield what writes a cycle to the journal, if there is to be one."""
     if journal is None:
-        yield iter(run)
+        yield lambda _replayed: None
         return
     source = run.recording
     with suppress(FileNotFoundError):
         if journal.samefile(source.path):
             raise JournalError(f"{journal} is the recording that is replayed; choose another file")
-    with ExitStack() as closing:
-        writer = JournalWriter(journal, run.to_be_recorded, source.header.began_at)
-        closing.callback(writer.close)
-        writer.note_resumption(source.header.resumed)
-        yield _writing(run, writer)
-        if writer.older_file():
-            typer.echo(writer.older_file(), err=True)
 
-
-def _writing(run: ReplayRun, writer: JournalWriter) -> Iterator[Replayed]:
-    for replayed in run:
+    def write(replayed: Replayed) -> None:
         cycle, observation, _ = replayed
         if run.is_recorded and cycle.reloaded is not None:
             writer.note_reload(observation.now_s, cycle.reloaded)
         writer.write(journal_record(replayed))
-        yield replayed
+
+    with closing(JournalWriter(journal, run.to_be_recorded, source.header.began_at)) as writer:
+        writer.note_resumption(source.header.resumed)
+        yield write
+        if writer.older_file():
+            typer.echo(writer.older_file(), err=True)
 
 
 def _warnings(source: AnyRecording, run: ReplayRun, found: Replay) -> Iterator[str]:
@@ -237,10 +216,9 @@ def _figures(found: Replay, *, same_rules: bool) -> dict[str, Any]:
         "identical": found.identical,
         "same_configuration": same_rules,
         "events": [plain(event) for event in found.trial.events],
-        "differences": [plain(difference) for difference in found.differences],
     }
     if found.diff is not None:
-        figures["diff"] = found.diff.record()
+        figures["diff"] = plain(found.diff)
     if again := [plain(target) for target in found.measured_again()]:
         figures["measured_again"] = again
     return figures
@@ -252,7 +230,8 @@ def _lines(found: Replay, *, same_rules: bool) -> Iterator[str]:
         yield from (*_diff_lines(found.diff), *again)
         return
     yield from map(_event_line, found.trial.events)
-    yield from again or _comparison_lines(found, same_rules=same_rules)
+    rules = "the configuration of the recording" if same_rules else "another configuration than the recording's"
+    yield from again or [f"{found.trial.cycles} cycles, {found.identical} decisions identical, with {rules}."]
 
 
 # At most this many events that changed are listed; ``--json`` has all of them.
@@ -260,26 +239,15 @@ SHOWN_CHANGES = 40
 
 _FIGURES: tuple[tuple[str, Callable[[RuleFigures], str]], ...] = (
     ("raised", lambda rule: str(rule.raised)),
-    ("transitions a minute", lambda rule: f"{rule.transitions_per_minute:.2f}"),
-    ("latency, median", lambda rule: _seconds(rule.late_median_s)),
-    ("latency, worst", lambda rule: _seconds(rule.late_worst_s)),
+    ("latency, worst", lambda rule: "-" if rule.late_worst_s is None else f"{rule.late_worst_s:.2f} s"),
     ("crossings missed", lambda rule: _count(rule.missed)),
     ("false alarms", lambda rule: _count(rule.unfounded)),
-    ("nearest while silent", lambda rule: _metres(rule.least_distance_m)),
 )
 
 
 def _event_line(event: Event) -> str:
     """Return an event in a line."""
     return f"{event.at_s:9.3f} s  {event.kind.value:<16} {event.source:<16} {event.reason}"
-
-
-def _comparison_lines(found: Replay, *, same_rules: bool) -> Iterator[str]:
-    """Return in lines how decisions compare with the recorded ones."""
-    rules = "the configuration of the recording" if same_rules else "another configuration than the recording's"
-    yield f"{found.trial.cycles} cycles, {found.identical} decisions identical, with {rules}."
-    for difference in found.differences:
-        yield f"differs at {difference.now_s:.3f} s (cycle {difference.cycle}): {', '.join(difference.what)}"
 
 
 def _again_lines(targets: Iterable[MeasuredAgain]) -> Iterator[str]:
@@ -313,21 +281,9 @@ def _rule_lines(change: RuleChange) -> Iterator[str]:
     yield ""
     yield f"{change.rule:<28} {'old':>10} {'new':>10}"
     for name, shown in _FIGURES:
-        old, new = (_format_figures(shown, figures) for figures in (change.old, change.new))
+        old, new = ("-" if figures is None else shown(figures) for figures in (change.old, change.new))
         if {old, new} != {"-"}:
             yield f"  {name:<26} {old:>10} {new:>10}"
-
-
-def _format_figures(shown: Callable[[RuleFigures], str], figures: RuleFigures | None) -> str:
-    return "-" if figures is None else shown(figures)
-
-
-def _seconds(seconds: float | None) -> str:
-    return "-" if seconds is None else f"{seconds:.2f} s"
-
-
-def _metres(metres: float | None) -> str:
-    return "-" if metres is None else f"{metres:.2f} m"
 
 
 def _count(count: int | None) -> str:

@@ -7,7 +7,6 @@ that is asked for is near.
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import struct
 from base64 import b64decode
@@ -17,8 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol, runtime_checkable
-from zlib import crc32
+from typing import Any, BinaryIO
 
 from msgspec import Struct, field
 from msgspec.structs import replace
@@ -31,6 +29,7 @@ from stadimeter.app.recordings.journal import (
     HEAD_BYTES,
     LIBRARY,
     MAGIC,
+    Journal,
     JournalHeader,
     RecordedConfiguration,
     RecordedCycle,
@@ -53,7 +52,7 @@ from stadimeter.app.recordings.recording import (
     RESUMED_NAME,
     require_mcap,
 )
-from stadimeter.config.files import CHUNK_MAX_BYTES, JSON_MAX_BYTES, decode_picture
+from stadimeter.config.files import CHUNK_MAX_BYTES, decode_picture
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.decision import Decision
@@ -68,14 +67,10 @@ with suppress(ImportError):  # an extra; without it `read_mcap` raises
     from mcap.data_stream import ReadDataStream
     from mcap.records import Attachment, Channel, Chunk, Message, Metadata
     from mcap.stream_reader import breakup_chunk
-    from zstandard import ZstdDecompressor  # mcap depends on it
 
 # The opcodes of the records that matter here.
 RECORD_HEAD = struct.Struct("<BQ")
 CHUNK, MESSAGE_INDEX, _ATTACHMENT, _METADATA, DATA_END = 0x06, 0x07, 0x09, 0x0C, 0x0F
-
-# How far back compressed data may refer, and so how much of them is kept: to the beginning of the longest chunk.
-_WINDOW_MAX_BYTES = 2**25
 
 _IMAGE_BEGINS = b'"data":"'
 
@@ -196,13 +191,9 @@ def _about(path: Path) -> tuple[dict[str, str], dict[str, str]]:
     """Return the metadata of a recording and the files attached to it; they stand before its first chunk."""
     about: dict[str, str] = {}
     files: dict[str, str] = {}
-    length = 0
     for place, opcode, data in _records(path):
         if opcode == CHUNK:
             break
-        length += len(data)
-        if length > JSON_MAX_BYTES:
-            raise JournalError(f"{place}: the recording is damaged: it says more about its run than there is to say")
         stream = ReadDataStream(BytesIO(data))
         if opcode == _METADATA:
             metadata = _call_reader(place, Metadata.read, stream)
@@ -234,19 +225,11 @@ def messages_in(place: str, chunk: bytes, channels: dict[int, str]) -> Iterator[
     Args:
         channels: The topics by the numbers that messages have for them. Those that the chunk introduces are added.
     """
-    for record in _call_reader(place, breakup_chunk, _decompress_chunk(place, chunk)):
+    for record in _call_reader(place, _break_up, chunk):
         if isinstance(record, Channel):
             channels[record.id] = record.topic
         elif isinstance(record, Message):
-            topic = channels.get(record.channel_id, "")
-            if topic != IMAGES:
-                _check_length(place, len(record.data))
-            yield topic, record
-
-
-def _check_length(place: str, length: int) -> None:
-    if length > JSON_MAX_BYTES:
-        raise JournalError(f"{place}: the recording is damaged: a message of {length} bytes")
+            yield channels.get(record.channel_id, ""), record
 
 
 def _heads(path: Path, file: BinaryIO) -> Iterator[tuple[int, int, int]]:
@@ -274,28 +257,8 @@ def _records(path: Path) -> Iterator[tuple[str, int, bytes]]:
             yield f"{path}, byte {at}", opcode, file.read(length)
 
 
-def _decompress_chunk(place: str, data: bytes) -> Chunk:
-    """Return a chunk that is not compressed any more, and holds what was written."""
-    chunk: Chunk = _call_reader(place, Chunk.read, ReadDataStream(BytesIO(data)))
-    if chunk.uncompressed_size > CHUNK_MAX_BYTES:
-        raise JournalError(f"{place}: the recording is damaged: a chunk of {chunk.uncompressed_size} bytes")
-    content: bytes = _call_reader(place, _decompress, chunk)
-    if len(content) != chunk.uncompressed_size or chunk.uncompressed_crc not in {0, crc32(content)}:
-        raise JournalError(f"{place}: the recording is damaged: a chunk holds something else than was written")
-    return dataclasses.replace(chunk, compression="", data=content)
-
-
-def _decompress(chunk: Chunk) -> bytes:
-    """Return the content of a chunk, and no more than it says of itself: compressed data may say something else.
-
-    The library would decompress whatever comes out, and compressions that recordings never have, too.
-    """
-    if chunk.compression == "":
-        return chunk.data
-    if chunk.compression != "zstd":
-        raise ValueError(f"a chunk is compressed with {chunk.compression[:20]!r}, which recordings never are")
-    stream = ZstdDecompressor(max_window_size=_WINDOW_MAX_BYTES).stream_reader(chunk.data)
-    return stream.read(chunk.uncompressed_size + 1)
+def _break_up(chunk: bytes) -> list[Any]:
+    return breakup_chunk(Chunk.read(ReadDataStream(BytesIO(chunk))), validate_crc=True)
 
 
 def _call_reader(place: str, read: Callable[[Any], Any], what: Any) -> Any:
@@ -465,26 +428,7 @@ def _content(path: Path, chunk: _Chunk) -> bytes:
 # Replaying journals and recordings: the same rules, or others, over what was observed. No driver is opened.
 
 
-class AnyRecording(Protocol):
-    """A journal, or a recording with pictures."""
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-        ...
-
-    @property
-    def header(self) -> JournalHeader:
-        """Everything that it says about its run."""
-        ...
-
-    def cycles(self) -> Iterator[RecordedCycle]:
-        """Yield every cycle, in order, not read yet; raises JournalError where the file is damaged."""
-        ...
-
-    def is_cut_off(self) -> bool:
-        """Check whether the end is missing."""
-        ...
+AnyRecording = Journal | McapRecording
 
 
 def read_recording(path: Path) -> AnyRecording:
@@ -507,17 +451,8 @@ Replayed = tuple[RecordedCycle, Observation, Decision]
 OnReload = Callable[[State, RecordedConfiguration], State]
 
 
-@runtime_checkable
-class HasPictures(AnyRecording, Protocol):
-    """A recording that may hold pictures."""
-
-    def cycles_and_images(self) -> Iterator[tuple[RecordedCycle, RecordedImage | None]]:
-        """Yield every cycle with its new picture, if it was recorded; raises JournalError for damage."""
-        ...
-
-    def has_images(self) -> bool:
-        """Check whether there is a picture at all; raises JournalError if the file is damaged."""
-        ...
+# Returns what is observed in a cycle: its picture comes with it if that was recorded, and the core's state before it.
+Observe = Callable[[RecordedCycle, RecordedImage | None, State], Observation]
 
 
 def _detectors(configuration: Configuration) -> tuple[NamedDetector, ...]:
@@ -529,39 +464,30 @@ def _detectors(configuration: Configuration) -> tuple[NamedDetector, ...]:
         raise ConfigError([Problem(message, str(configuration.path), hint=hint)]) from error
 
 
-class Redetection:
-    """Measures the targets of a configuration in recorded pictures.
+def redetect(configuration: Configuration) -> Observe:
+    """Return what measures the targets of a configuration in recorded pictures.
+
+    It raises a `CalibrationError` for a picture of another aspect, a `JournalError` for one that is damaged.
 
     Raises:
         ConfigError: It has no camera model, or a detector cannot be built, such as one that asks the simulated world
             instead of the picture.
     """
+    if configuration.camera_model is None:
+        raise ConfigError([Problem("there is no camera model to measure with", str(configuration.path))])
+    detectors = {member: each.detector for each in _detectors(configuration) for member in each.members}
+    perceiver = Perceiver(detectors, configuration.camera_model, configuration.footings)
 
-    def __init__(self, configuration: Configuration) -> None:
-        if configuration.camera_model is None:
-            raise ConfigError([Problem("there is no camera model to measure with", str(configuration.path))])
-        named = _detectors(configuration)
-        detectors = {member: each.detector for each in named for member in each.members}
-        self._perceiver = Perceiver(detectors, configuration.camera_model, configuration.footings)
-
-    def observe(self, cycle: RecordedCycle, image: RecordedImage | None, state: State) -> Observation:
-        """Return the observation of a cycle, with what is measured in its picture now.
-
-        Args:
-            state: The core's state before the cycle: its tracks say where targets are expected.
-
-        Raises:
-            CalibrationError: The picture has another aspect than the camera model.
-            JournalError: The picture or the cycle is damaged.
-        """
+    def observe(cycle: RecordedCycle, image: RecordedImage | None, state: State) -> Observation:
         observation = cycle.observation()
         frame = image.frame_of(cycle) if image is not None else None
         if frame is None:
             reason = observation.camera_fault or ("its picture is not recorded" if observation.frame else "")
             return replace(observation, frame=None, measurements=(), camera_fault=reason)
-        tracks = {tracked.track.target: tracked.track for tracked in state.tracks}
-        _, measurements = self._perceiver.look(frame, tracks)
+        _, measurements = perceiver.look(frame, {tracked.track.target: tracked.track for tracked in state.tracks})
         return replace(observation, measurements=measurements)
+
+    return observe
 
 
 def first_state(recording: AnyRecording, plan: Plan) -> State:
@@ -599,7 +525,7 @@ def decisions(
 def _decide(
     state: State,
     cycles: Iterable[tuple[RecordedCycle, RecordedImage | None]],
-    observe: Callable[[RecordedCycle, RecordedImage | None, State], Observation],
+    observe: Observe,
     on_reload: OnReload | None,
 ) -> Iterator[Replayed]:
     for cycle, image in cycles:
@@ -645,14 +571,14 @@ class ReplayRun(Struct, frozen=True):
         on_reload = self._reload if self.is_recorded else None
         if not self.from_images:
             return decisions(self.recording, self.configuration.plan, on_reload)
-        if not isinstance(self.recording, HasPictures):
+        if not isinstance(self.recording, McapRecording):
             how = "record one with `stadimeter run CONFIG --record FILE.mcap`"
             raise JournalError(f"{self.recording.path} is a journal, and has no pictures to measure in; {how}")
         if not self.recording.has_images():
             how = "it was made with `--record-images none`, or ends before the first"
             raise JournalError(f"{self.recording.path} has no pictures to measure in: {how}")
         state = first_state(self.recording, self.configuration.plan)
-        return _decide(state, self.recording.cycles_and_images(), Redetection(self.configuration).observe, on_reload)
+        return _decide(state, self.recording.cycles_and_images(), redetect(self.configuration), on_reload)
 
     def _reload(self, state: State, recorded: RecordedConfiguration) -> State:
         return reload(state, load_recorded(recorded, self.recording.path).plan).state

@@ -120,35 +120,31 @@ def _run(configuration: Configuration, test: RuleTest) -> RuleTestResult:
     subjects = list(_subjects(test, plan))
     trial = run(plan, observations(test.input, configuration))
     wrong = [(subject, failure) for subject in subjects for failure in subject.failures(trial)]
-    moments = _Moments([failure.at_s for _, failure in wrong if failure.at_s is not None and not failure.why])
-    if moments.wanted_s:
-        run(plan, observations(test.input, configuration), moments.see)
+    moments = dict.fromkeys(failure.at_s for _, failure in wrong if failure.at_s is not None and not failure.why)
+    decided: dict[float, tuple[float, Decision]] = {}  # in the last cycle that is not after each moment
+
+    def see(at_s: float, decision: Decision) -> None:
+        decided.update({each: (at_s, decision) for each in moments if at_s <= each + _ROUNDING_S})
+
+    if moments:
+        run(plan, observations(test.input, configuration), see)
     return RuleTestResult(
         test=test,
-        failures=tuple(moments.explain(subject, failure) for subject, failure in wrong),
+        failures=tuple(_explained(failure, subject, decided) for subject, failure in wrong),
         events=tuple((event.at_s - trial.began_s, event) for event in trial.events),
         took_s=trial.seconds,
         cycles=trial.cycles,
     )
 
 
-class _Moments:
-    """The decisions of a trial at some moments: in the last cycle that is not after each."""
-
-    def __init__(self, wanted_s: Sequence[float]) -> None:
-        self.wanted_s = wanted_s
-        self._found: dict[float, tuple[float, Decision]] = {}
-
-    def see(self, at_s: float, decision: Decision) -> None:
-        """Take in the next cycle."""
-        self._found |= {each: (at_s, decision) for each in self.wanted_s if at_s <= each + _ROUNDING_S}
-
-    def explain(self, subject: _RuleSubject | _OutputSubject, failure: Failure) -> Failure:
-        """Add why, unless that is said already."""
-        if failure.why or failure.at_s not in self._found:
-            return failure
-        at_s, decision = self._found[failure.at_s]
-        return replace(failure, at_s=at_s, why=subject.describe(decision))
+def _explained(
+    failure: Failure, subject: _RuleSubject | _OutputSubject, decided: Mapping[float, tuple[float, Decision]]
+) -> Failure:
+    """Add why, unless that is said already."""
+    if failure.why or failure.at_s is None or failure.at_s not in decided:
+        return failure
+    at_s, decision = decided[failure.at_s]
+    return replace(failure, at_s=at_s, why=subject.describe(decision))
 
 
 def _subjects(test: RuleTest, plan: Plan) -> Iterator[_RuleSubject | _OutputSubject]:

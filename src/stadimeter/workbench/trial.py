@@ -11,11 +11,10 @@ import time
 from abc import ABC, abstractmethod
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
-from statistics import median
 from typing import Any, Literal, NamedTuple
 
 import msgspec
@@ -24,7 +23,6 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from stadimeter.app.exact_json import plain
 from stadimeter.config.loader import Configuration
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.conditions.compounds import leaves
@@ -77,18 +75,6 @@ class Trial(Struct, kw_only=True):
     commands: defaultdict[str, list[tuple[float, Command]]] = msgspec.field(default_factory=lambda: defaultdict(list))
     samples: Any = _Columns()
     measured: Any = _Columns()
-    _least_m: dict[str, float] = msgspec.field(default_factory=dict)
-    _watched: tuple[tuple[int, str, str], ...] = ()
-
-    def __post_init__(self) -> None:
-        """Find the alarms on a distance, each with its place in the plan, its name and its target."""
-        self._watched = tuple(
-            (number, rule.name, leaf.target)
-            for number, rule in enumerate(self.plan.rules)
-            if isinstance(rule, AlarmRule)
-            for leaf in leaves(rule.condition)
-            if isinstance(leaf, DistanceCondition)
-        )
 
     @property
     def minutes(self) -> float:
@@ -101,8 +87,7 @@ class Trial(Struct, kw_only=True):
         self.seconds = at_s = observation.now_s - self.began_s
         self.cycles += 1
         self.sent += [replace(notice.event, source=notice.rule) for notice in decision.notices]
-        tracks = {track.target: track for track in decision.tracks}
-        self.add_rules(at_s, decision.rules, decision.events, tracks if observation.frame is not None else None)
+        self.add_rules(at_s, decision.rules, decision.events)
         for command in decision.commands:
             changes = self.commands[command.output]
             if not changes or command_figures(changes[-1][1]) != command_figures(command):
@@ -113,24 +98,14 @@ class Trial(Struct, kw_only=True):
             if each.distance_m is not None and each.depth_m is not None:
                 _append(self.measured[each.target], each.captured_at_s, each.distance_m, each.depth_m)
 
-    def add_rules(
-        self, at_s: float, traces: Sequence[RuleTrace], events: Iterable[Event], tracks: Mapping[str, Track] | None
-    ) -> None:
-        """Add what the rules did in a cycle.
-
-        Args:
-            tracks: The tracks of a new frame; None without one.
-        """
+    def add_rules(self, at_s: float, traces: Sequence[RuleTrace], events: Iterable[Event]) -> None:
+        """Add what the rules did in a cycle."""
         self.seconds = at_s
         self.events += events
         for trace in traces:
             changes = self.traces[trace.rule]
             if not changes or (changes[-1][1] is not trace and changes[-1][1] != trace):
                 changes.append((at_s, trace))
-        for number, name, target in self._watched if tracks else ():
-            distance_m = _distance_m(tracks[target]) if tracks else math.nan
-            if traces[number].active is not True and distance_m < self._least_m.get(name, math.inf):
-                self._least_m[name] = distance_m
 
     def spans(self, rule: str) -> list[Span]:
         """Return when a rule was active, as spans that do not touch each other."""
@@ -168,12 +143,9 @@ class Trial(Struct, kw_only=True):
         return RuleFigures(
             rule=rule.name,
             raised=len(raised_s),
-            transitions_per_minute=(len(raised_s) + len(cleared_s)) / self.minutes if self.minutes else 0.0,
-            late_median_s=median(late_s) if late_s else None,
             late_worst_s=max(late_s, default=None),
             missed=missed,
             unfounded=unfounded,
-            least_distance_m=self._least_m.get(rule.name),
         )
 
 
@@ -227,19 +199,15 @@ class RuleFigures(Struct, frozen=True, kw_only=True):
     """Figures of one rule.
 
     Attributes:
-        late_median_s: How long after its distance was crossed it was raised, the median; None if that is not known.
+        late_worst_s: How long after its distance was crossed it was raised, at most; None if that is not known.
         unfounded: How often it was raised while its distance was not crossed; None if that is not known.
-        least_distance_m: The least distance of what it watches while it was not active; None if it watches none.
     """
 
     rule: str
     raised: int
-    transitions_per_minute: float
-    late_median_s: float | None = None
     late_worst_s: float | None = None
     missed: int | None = None
     unfounded: int | None = None
-    least_distance_m: float | None = None
 
 
 class Stay(Struct, frozen=True):
@@ -355,25 +323,16 @@ class RuleChange(Struct, frozen=True, kw_only=True):
 class TrialDiff(Struct, frozen=True, kw_only=True):
     """The difference that new rules make: changed events in order of time, and the figures of each rule."""
 
-    changes: tuple[EventChange, ...]
-    same: int
-    rules: tuple[RuleChange, ...]
     minutes: float
+    same_events: int
+    changes: tuple[EventChange, ...]
+    rules: tuple[RuleChange, ...]
 
     def summary(self) -> str:
         """Say how many events are the same, and how many are not."""
         counts = {kind: sum(change.change == kind for change in self.changes) for kind in ("added", "lost", "moved")}
         counted = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-        return f"{self.same} events are the same, {counted}, in {self.minutes:.1f} minutes."
-
-    def record(self) -> dict[str, Any]:
-        """Return the object that ``--json`` prints."""
-        return {
-            "minutes": self.minutes,
-            "same_events": self.same,
-            "changes": [plain(change) for change in self.changes],
-            "rules": [plain(rule) for rule in self.rules],
-        }
+        return f"{self.same_events} events are the same, {counted}, in {self.minutes:.1f} minutes."
 
 
 def compare(old: Trial, new: Trial) -> TrialDiff:
@@ -390,7 +349,7 @@ def compare(old: Trial, new: Trial) -> TrialDiff:
     )
     before, after = ({each.rule: each for each in trial.figures()} for trial in (old, new))
     rules = tuple(RuleChange(rule=name, old=before.get(name), new=after.get(name)) for name in {**after, **before})
-    return TrialDiff(changes=tuple(changes), same=len(pairs) - len(changes), rules=rules, minutes=new.minutes)
+    return TrialDiff(minutes=new.minutes, same_events=len(pairs) - len(changes), changes=tuple(changes), rules=rules)
 
 
 def _change(before: Event | None, after: Event | None) -> EventChange | None:
@@ -500,7 +459,6 @@ class KeptCycle(NamedTuple):
     at_s: float
     """Since the beginning of the recording."""
     by: JudgedBy
-    has_frame: bool
 
 
 @dataclass(kw_only=True)
@@ -545,7 +503,7 @@ class KeptRecording(Passage):
             if not isinstance(decision.reasons, Reasons):
                 raise TypeError("a decision without its reasons")
             by = judged_by(state, observation, decision.reasons.inputs, after.safety)
-            self.cycles.append(KeptCycle(observation.now_s - self.began_s, by, observation.frame is not None))
+            self.cycles.append(KeptCycle(observation.now_s - self.began_s, by))
             self.trial.began_s = self.began_s
             self.trial.add(observation, decision)
             state = after
@@ -567,10 +525,10 @@ class KeptRecording(Passage):
         trial = Trial(plan=some, began_s=self.began_s, from_s=self.from_s, measured=self.trial.measured)
         names, first = {rule.name for rule in some.rules}, self._first_state(plan).rules
         rules = with_steps(some, tuple(first.steps[index] for index in alone), first.first_out, first.raised_at_s)
-        for at_s, by, has_frame in self.cycles:
+        for at_s, by in self.cycles:
             commands = tuple([each for each in by.commands if each.rule in names or not each.rule])
             rules, outcome = judge(rules, by.inputs, by.sample, by.cycle, commands)
-            trial.add_rules(at_s, rules.traces, outcome.events, by.inputs.tracks if has_frame else None)
+            trial.add_rules(at_s, rules.traces, outcome.events)
         return trial
 
 

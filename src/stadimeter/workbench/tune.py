@@ -3,8 +3,7 @@
 With marks ("should have fired", "should not") a setting is good if it meets them all. Without, it is good if the alarm
 is raised whenever the figure was truly within the thresholds, and only then, as a mean over half a second says that no
 noise moves: then thresholds stay as they are, and delays and deadband are tried. Of settings that are as good, those
-are better that change fewer other alarms, then fewer settings, then these least, as the sum of the logarithms of
-ratios.
+are better that change fewer other alarms, then fewer settings, then these least.
 
 Hundreds of settings are tried on arrays. What is shown, saved and held against marks is always the core's own verdict.
 """
@@ -250,7 +249,7 @@ def signal_of(cycles: Sequence[KeptCycle], rule: AlarmRule, condition: LimitsCon
     rows: list[tuple[float, float, float, float, float]] = []
     begins: list[int] = []
     judged_s, unknown_s, was_known = 0.0, 0.0, False
-    for at_s, by, _ in cycles:
+    for at_s, by in cycles:
         if by.sample is None:
             continue
         known = condition.uncertain(by.inputs)
@@ -270,9 +269,12 @@ def signal_of(cycles: Sequence[KeptCycle], rule: AlarmRule, condition: LimitsCon
 
 # The search: settings between which alarms change, each kind alone and with the others --------------------------------
 
-# How many values of each kind are tried: thresholds and on-delays all with each other, then each setting around the
-# best of these, and once more around the best of those.
-THRESHOLDS_MAX, DELAYS_MAX, BEST_MAX, ROUNDS = 40, 12, 12, 2
+# How many thresholds are tried, with all on-delays; then each setting around the best of these, and once more.
+THRESHOLDS_MAX, BEST_MAX, ROUNDS = 40, 12, 2
+
+# The delays and the deadbands, as shares of the threshold, that are tried.
+DELAYS_S = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0)
+BANDS = (0.0, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3)
 
 # The few that are shown: the best of each set of settings that change, and that needs them all.
 SHOWN_MAX = 4
@@ -280,11 +282,7 @@ SHOWN_MAX = 4
 # Thresholds are sought once in this time of the signal, if it is a turning point there.
 BLOCK_S = 2.0
 
-# Delays (s), deadbands (as a share of the threshold) and standard deviations are compared as if they were larger by
-# this: from 0 to a tenth of it is no larger a change than of a threshold from 1 m to 1.1 m.
-DELAY_SIZE_S, BAND_SIZE, SIGMAS_SIZE = 1.0, 0.1, 1.0
-
-# Figures and times that differ by less than this share are not separated, unless the marks leave no other way: noise
+# Figures that differ by less than this share are not separated, unless the marks leave no other way: noise
 # would decide between them.
 APART = 0.05
 
@@ -330,7 +328,6 @@ class Score(NamedTuple):
     unmet: int
     elsewhere: int
     changed: int
-    size: float
 
 
 class Tried(NamedTuple):
@@ -366,14 +363,14 @@ class Search(Struct, kw_only=True):
     def _try_all(self, least: float) -> None:
         self.attempt({})
         thresholds = [key for key in self.keys if key in thresholds_of(self.rule)]
-        for key in thresholds or ["on_delay"]:
-            for at in self._candidates(key, {}, least):
-                for delay_s in self._candidates("on_delay", {key: at}, least):
-                    self.attempt({key: at, "on_delay": delay_s})
+        for delay_s in self._candidates("on_delay", least):
+            for key in thresholds:
+                for at in self._candidates(key, least):
+                    self.attempt({"on_delay": delay_s, key: at})
         for _ in range(ROUNDS):
             for tried in self._best(BEST_MAX):
                 for key in self.keys:
-                    for value in self._candidates(key, tried.values, least):
+                    for value in self._candidates(key, least):
                         self.attempt({**tried.values, key: value})
 
     def _best(self, number: int) -> list[Tried]:
@@ -392,8 +389,7 @@ class Search(Struct, kw_only=True):
                 firings = each.signal.firings(rule, condition)
                 met += [is_met(mark, firings, each.marks) for mark in each.marks]
                 elsewhere += each.elsewhere(firings)
-            size = sum(abs(self._place(key, value) - self._place(key, own[key])) for key, value in asked)
-            self.tried[asked] = Tried(changed, Score(met.count(False), elsewhere, len(changed), size), tuple(met))
+            self.tried[asked] = Tried(changed, Score(met.count(False), elsewhere, len(changed)), tuple(met))
         return self.tried[asked]
 
     @property
@@ -423,27 +419,18 @@ class Search(Struct, kw_only=True):
         sigmas = values.get(f"{key}_sigmas", condition.deadband_sigmas)
         return rule, replace(condition, deadband=values.get(key, condition.deadband), deadband_sigmas=sigmas)
 
-    def _place(self, key: str, value: float) -> float:
-        """Return where a value is on the scale on which changes are compared: that of ratios."""
-        limit = next((abs(limit) for limit in self.condition.limits if math.isfinite(limit)), 0.0)
-        band = band_key(self.condition)
-        sizes = {band: BAND_SIZE * (limit or 1.0), f"{band}_sigmas": SIGMAS_SIZE}
-        sizes |= dict.fromkeys(("on_delay", "off_delay"), DELAY_SIZE_S)
-        return math.log(max(value, 0.0) + sizes.get(key, 0.0 if value > 0 else abs(self._own[key]) or 1.0))
-
-    def _candidates(self, key: str, values: Values, least: float) -> list[float]:
-        """Return values of a setting between which alarms change, and the rule's own.
-
-        For thresholds those are the figures at which the signal turns; for delays how long it stayed, or had stayed in
-        the middle of a mark; for deadband and off-delay how far and how long it left between two alarms.
-        """
-        own, band = self._own[key], band_key(self.condition)
+    def _candidates(self, key: str, least: float) -> list[float]:
+        """Return values of a setting, the nearest to the rule's own first; thresholds between the signal's turns."""
+        own = self._own[key]
+        values: Sequence[float] = DELAYS_S
         if key in thresholds_of(self.rule):
-            return [own, *_thin(_between(self._crossings(key), least), THRESHOLDS_MAX)]
-        if key == f"{band}_sigmas":
-            return [own, 0.0]
-        seen = self._ways_off(values) if key == band else self._lengths(values, is_off=key == "off_delay")
-        return [own, 0.0, *(max(0.0, each) for each in _thin(_between(seen, least), DELAYS_MAX))]
+            values = _thin(_between(self._crossings(key), least), THRESHOLDS_MAX)
+        elif key.endswith("_sigmas"):
+            values = (0.0,)
+        elif key == band_key(self.condition):
+            limit = next((abs(limit) for limit in self.condition.limits if math.isfinite(limit)), 0.0)
+            values = [share * (limit or 1.0) for share in BANDS]
+        return sorted([own, *values], key=lambda value: abs(value - own))
 
     def _crossings(self, key: str) -> set[float]:
         side = 1.0 if thresholds_of(self.rule)[key].place.field == "below" else -1.0
@@ -453,32 +440,6 @@ class Search(Struct, kw_only=True):
             marked = (crossed[_in_span(each.signal.at_s, mark)] for mark in each.marks)
             found |= {side * float(figures.min()) for figures in marked if len(figures)}
             found |= {side * float(lowest) for lowest in _turning_points(each.signal.at_s, crossed)}
-        return found
-
-    def _lengths(self, values: Values, *, is_off: bool) -> set[float]:
-        """Return for how long the figure stayed within the threshold, or off it between two alarms."""
-        rule, condition = self._with(values)
-        found = set[float]()
-        for each in self.evidence:
-            flags = each.signal.within(condition, is_on=is_off) != is_off
-            middles_s = [(mark.from_s + mark.to_s) / 2 for mark in each.marks if mark.should_fire]
-            for first, last in each.signal.runs(flags, rule.delay_tolerance):
-                length_s = float(each.signal.judged_s[last] - each.signal.judged_s[first])
-                begin_s, end_s = map(float, each.signal.at_s[[first, last]])
-                found |= {length_s} if not is_off or length_s < JOINED_S else set()
-                found |= {at_s - begin_s for at_s in middles_s if begin_s <= at_s <= end_s and not is_off}
-        return found
-
-    def _ways_off(self, values: Values) -> set[float]:
-        """Measure how far the figure went off from one alarm to the next."""
-        rule, condition = self._with({**values, band_key(self.condition): 0.0})
-        low, high = condition.limits
-        found = set[float]()
-        for signal in (each.signal for each in self.evidence):
-            off = np.maximum(signal.value - high, low - signal.value)
-            for (_, cleared_s), (raised_s, _) in pairwise(signal.firings(rule, condition)):
-                begin, end = np.searchsorted(signal.at_s, [cleared_s - rule.off_delay_s, raised_s])
-                found |= {float(off[begin:end].max(initial=0.0))} if raised_s - cleared_s < JOINED_S else set()
         return found
 
     def _centre(self, found: Tried) -> Tried:
@@ -493,7 +454,7 @@ class Search(Struct, kw_only=True):
             # Without marks a longer delay or a wider deadband is worse: half as much again as is needed will do.
             share = 0.5 if self._has_marks else min(0.5, 0.5 * abs(needed - own) / (abs(room) or 1.0))
             tried = self.attempt({**found.values, key: _roundest(needed + share * room, abs(share * room))})
-            found = tried if tried.score[:3] == found.score[:3] else found
+            found = tried if tried.score == found.score else found
         return found
 
     def _end_of(self, found: Tried, key: str, far: float) -> float:
