@@ -137,8 +137,8 @@ def _one_driver(
     needed = [*([] if name == kind.default else [kind.key]), *common.get("required", ()), *own.get("required", ())]
     properties = {
         kind.key: {"const": name, "description": own.get("description", "")},
-        **common.get("properties", {}),
-        **own.get("properties", {}),
+        **_shared_keys(by_model[kind.common], definitions),
+        **(_shared_keys(by_model[options], definitions) if options else {}),
     }
     if kind is CAMERA:
         properties["model"] = _camera_model(common["properties"]["model"], by_model)
@@ -165,6 +165,13 @@ def _rule(by_model: dict[type[BaseModel], JsonSchema], definitions: dict[str, Js
 def _resolved(schema: JsonSchema, definitions: dict[str, JsonSchema]) -> JsonSchema:
     reference = schema.get("$ref")
     return schema if reference is None else definitions[reference.removeprefix("#/$defs/")]
+
+
+def _shared_keys(schema: JsonSchema, definitions: dict[str, JsonSchema]) -> JsonSchema:
+    """Return the keys of a table, each as a reference to where it is described: several tables have the same."""
+    keys: JsonSchema = _resolved(schema, definitions).get("properties", {})
+    reference = schema.get("$ref")
+    return keys if reference is None else {key: {"$ref": f"{reference}/properties/{key}"} for key in keys}
 
 
 def _named(table: JsonSchema) -> JsonSchema:

@@ -690,6 +690,11 @@ class WhenTable(LimitsTable, LikelihoodTable):
         "on_delay": "write it beside when",
         "off_delay": "write it beside when",
         "hysteresis": "it is called deadband",
+        **dict.fromkeys(("less_than", "closer_than", "within"), 'write below = "50 cm"'),
+        **dict.fromkeys(("more_than", "greater_than", "farther_than"), 'write above = "50 cm"'),
+        "further_than": 'write above = "50 cm", or of two targets { target = "tag", nearer_than = "ball" }',
+        "right_of": 'write { target = "tag", left_of = "ball" }',
+        "lower_than": 'write { target = "tag", higher_than = "ball" }',
         **{axis: f'write place = {{ axis = "{axis}", above = … }}, or below, or between' for axis in AXES},
     }
     needs_limit: ClassVar[bool] = False
