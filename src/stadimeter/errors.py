@@ -73,7 +73,7 @@ class Problem(Struct, frozen=True):
         line: The line in that file, counted from 1, or 0 where it is not known.
         key: The dotted path of the key, such as ``rules.near.when.below``.
         hint: What to do about it, or an empty string.
-        code: The kind of problem, such as ``unknown-name``, for programs; it stays the same when the words change.
+        code: The kind of problem, such as ``never-true``, for programs; it stays the same when the words change.
         column: Where the key begins in the line, counted from 0.
         end_column: Where its value ends in the line, exclusive; 0 where that is not known.
     """

@@ -72,45 +72,48 @@ def test_a_file_that_is_not_there_is_one_clear_line(tmp_path: Path) -> None:
     assert result.stderr.splitlines()[0] == f"{tmp_path / 'nowhere.toml'}: error: there is no such file"
 
 
-UNHEARD = """\
+SHADOWED = """\
 [camera]
 driver = "simulated"
 model = { width_px = 640, height_px = 480, fx_px = 600.0 }
 [world]
+[messenger]
+driver = "simulated"
 [targets.ball]
 detector = "ideal"
 
 [actuators.lamp]
 driver = "simulated"
 [rules.near]
+actuator = "lamp"
 when = { below = "80 cm" }
 [rules.far]
 actuator = "lamp"
+priority = 200
 when = { below = "90 cm" }
 """
 
 
 @pytest.fixture
-def unheard(tmp_path: Path) -> Path:
-    file = tmp_path / "unheard.toml"
-    file.write_text(UNHEARD, encoding="utf-8")
+def shadowed(tmp_path: Path) -> Path:
+    file = tmp_path / "shadowed.toml"
+    file.write_text(SHADOWED, encoding="utf-8")
     return file
 
 
-def test_a_warning_says_what_to_do(unheard: Path) -> None:
-    warning = "warning: rules.near: nothing reports the alert 'near': it drives nothing, and there is no messenger"
-    result = run_check(str(unheard))
+def test_a_rule_that_never_wins_says_which_one_does_and_what_to_do(shadowed: Path) -> None:
+    result = run_check(str(shadowed))
     assert result.stdout.splitlines()[:4] == [
-        f"{unheard}:10: {warning}",
-        "  10 | [rules.near]",
+        f"{shadowed}:12: warning: rules.near: wherever 'near' holds, 'far' holds too and wins 'lamp'",
+        "  12 | [rules.near]",
         "     | ^^^^^^^^^^^^",
-        "       add an actuator to it, or a section [messenger]",
+        "       give 'near' the higher priority, or let 'far' hold less often",
     ]
 
 
 @pytest.mark.parametrize(("arguments", "code"), [((), 0), (("--strict",), 1), (("--strict", "--json"), 1)])
-def test_a_warning_counts_only_if_that_is_wanted(unheard: Path, arguments: tuple[str, ...], code: int) -> None:
-    assert run_check(str(unheard), *arguments).exit_code == code
+def test_a_warning_counts_only_if_that_is_wanted(shadowed: Path, arguments: tuple[str, ...], code: int) -> None:
+    assert run_check(str(shadowed), *arguments).exit_code == code
 
 
 # The command `schema` prints what editors complete from.

@@ -21,7 +21,7 @@ GOOD = sorted(FOLDER.glob("*.good.toml"))
 SAID = re.compile(r"# (error|warning) ([a-z-]+): (.+)$")
 
 CLASSES = {
-    "bad-value", "driver", "height-unknown", "motion-blind", "output-unused",
+    "bad-value", "driver", "equal-priority", "height-unknown", "motion-blind", "never-true", "output-unused",
     "pin-taken", "reference-cycle", "shadowed", "unheard", "unknown-key", "unknown-name", "unreachable", "unresolvable",
 }  # fmt: skip
 """The codes that programs may rely on."""
@@ -69,6 +69,13 @@ def test_each_class_has_a_file_that_fails_and_one_that_passes() -> None:
     assert [file.name.replace(".bad.", ".good.") for file in BAD] == [file.name for file in GOOD]
 
 
+def test_a_table_for_several_targets_is_no_rival_of_itself(load: Load, sound: str) -> None:
+    second = '[targets.sheet]\ndetector = "sheet"\nwidth = "21 cm"\nheight = "29.7 cm"\n'
+    rules = '[rules.near]\ntargets = ["ball", "sheet"]\nactuator = "buzzer"\nwhen = { below = "1 m" }\n'
+    warned = {warning.code for warning in load(f"{sound}{second}{rules}").warnings}
+    assert warned == {"output-unused"}
+
+
 def test_a_broken_rule_hides_no_errors_of_the_others(load: Load, sound: str) -> None:
     text = (
         f'{sound}[rules.broken]\nactuator = "motor"\nwhen = {{ belwo = "1 m" }}\n'
@@ -77,6 +84,14 @@ def test_a_broken_rule_hides_no_errors_of_the_others(load: Load, sound: str) -> 
     with pytest.raises(ConfigError) as caught:
         load(text)
     assert [problem.code for problem in caught.value.problems] == ["unknown-key", "unknown-name"]
+
+
+def test_a_rule_that_is_only_tried_out_is_nobodys_rival(load: Load, sound: str) -> None:
+    rules = (
+        '[rules.near]\nactuator = "buzzer"\nwhen = { below = "1 m" }\n'
+        '[rules.new]\nobserve = true\nactuator = "buzzer"\nwhen = { below = "2 m" }\n'
+    )
+    assert {warning.code for warning in load(sound + rules).warnings} == {"output-unused"}
 
 
 def test_a_condition_nested_five_hundred_deep_is_one_clear_error(problems_of: Problems, sound: str) -> None:

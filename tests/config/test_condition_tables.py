@@ -144,6 +144,7 @@ WRONG = [
     ("{ all = [] }", "rules.it.when.all: [] is a list of fewer than 1 entries"),
     ('{ not = [ { seen = true } ] }', "rules.it.when.not: [a table] is not a table; write it as { … }"),
     ('{ all = [ { bellow = "1 m" } ] }', "rules.it.when.all.0.bellow: unknown key 'bellow' (did you mean 'below'?)"),
+    ('{ all = [{ below = "1 m" }, { above = "2 m" }] }', "two limits of this on one figure exclude each other"),
 ]  # fmt: skip
 
 

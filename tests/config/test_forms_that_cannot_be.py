@@ -91,6 +91,9 @@ OTHERS = {
     "messages that would drive something":
         '[rules.x]  # error bad-value\ntarget = "ball"\nactuator = "motor"\nevery = "1 min"\n'
         'escalation = [{ topic = "a", text = "b" }]\n',
+    "a night that never comes where the sun does not set":
+        "[place]\nlatitude = 69.6\nlongitude = 19\n[rules.x]\n"
+        "when = { time = { between = ['sunset', 'sunrise'], dates = ['06-10..07-01'] } }  # warning empty-days\n",
 }  # fmt: skip
 FORMS = {
     **{when: f'[rules.x]\ntarget = "ball"\nwhen = {{ {when} }}  # {said}\n' for when, said in CONDITIONS.items()},

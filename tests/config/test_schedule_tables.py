@@ -1,6 +1,7 @@
 """Schedules, places and orders of rules as they are written, and what is wrong with them."""
 
 import importlib.util
+import re
 
 import pytest
 
@@ -99,3 +100,23 @@ def test_a_test_has_a_date_only_with_a_time_of_day_and_without_a_day_of_the_week
         load(rule + test % "")
     with pytest.raises(ConfigError, match="has a day of the week of its own"):
         load(rule + test % ", clock = '12:00', day = 'mon'")
+
+
+STOCKHOLM = "[place]\nlatitude = 59.3\nlongitude = 18.1\ntime_zone = 'Europe/Stockholm'\n"
+
+
+@pytest.mark.parametrize(
+    ("between", "words"),
+    [
+        (
+            "'sunset', '22:00'",
+            r"this never comes on (2\d|3\d) of the next 366 days on which it may hold, from 06-\d\d to 07-\d\d",
+        ),
+        ("'sunset', 'sunset - 1 h'", r"this never comes on 366 of the next 366 days"),
+    ],
+)
+def test_days_on_which_a_schedule_by_the_sun_is_empty_are_named(load, between, words):
+    (warning,) = [
+        each for each in load(near(f"{{ between = [{between}] }}"), STOCKHOLM).warnings if each.code == "empty-days"
+    ]
+    assert re.match(words, warning.message)

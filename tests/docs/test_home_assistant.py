@@ -79,7 +79,7 @@ def test_the_page_names_every_entity_of_the_appliance():
     named = set(re.findall(r"`(\w+\.shelf_\w+)`", table)) | {
         f"sensor.shelf{end}" for end in re.findall(r"`…(_\w+)`", table)
     }
-    found = {key: each.default_entity_id for key, each in announced(APPLIANCE, orders=ORDERS).components.items()}
+    found = {key: each["default_entity_id"] for key, each in announced(APPLIANCE, orders=ORDERS).components.items()}
     assert named == {entity for key, entity in found.items() if not key.endswith(("_in-reach", "_gone", "_seen"))}
 
 

@@ -47,8 +47,9 @@ def check(
 ) -> None:
     """Check a configuration: print every error in one pass, or say in words what it does.
 
-    Finds values that cannot be read, names that stand for nothing, rules that wait for each other, parts that do not
-    fit, and limits beyond what camera and target can resolve. Then what this computer lacks to
+    Finds values that cannot be read, names that stand for nothing, and rules that contradict each other: conditions
+    that never hold, rules that always lose their output, rules that suppress themselves, rules that are too late for
+    how fast the target comes, and limits beyond what camera and target can resolve. Then what this computer lacks to
     run it: a camera, a serial port, a library, a permission. Nothing is opened and nothing moves. Root sees what the
     service would: a configuration in /etc/stadimeter is checked as the service's user.
 

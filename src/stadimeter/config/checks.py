@@ -10,6 +10,7 @@ import os
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
+from itertools import combinations
 from typing import Any
 
 from stadimeter.config.draft import BASE_NAME, Draft, output_path
@@ -20,7 +21,8 @@ from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
 from stadimeter.config.rules.tables import KINDS, ONE_KIND, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import PinMark, PortMark
-from stadimeter.core.conditions.compounds import depends_on, leaves
+from stadimeter.core.conditions.compounds import AllOf, Condition, depends_on, leaves
+from stadimeter.core.conditions.limits import LimitsCondition
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.quantities import QUANTITIES
 from stadimeter.core.conditions.remembered import RememberedCondition
@@ -183,6 +185,10 @@ def _rules_do_something(draft: Draft) -> Iterator[Finding]:
 
 def _conditions(draft: Draft) -> Iterator[Finding]:
     for _, written in written_conditions(draft):
+        parts = written.condition.conditions if isinstance(written.condition, AllOf) else ()
+        if any(are_apart(*pair) for pair in combinations(parts, 2)):  # below `any` or `not` that does no harm
+            message = "two limits of this on one figure exclude each other, so it never holds"
+            yield Finding(written.path, message, "write any in place of all, or change a limit", "never-true")
         for leaf in leaves(written.condition):
             if isinstance(leaf, ScheduleCondition) and leaf.is_by_sun:
                 yield from _needs_place(draft, written.path)
@@ -191,6 +197,20 @@ def _conditions(draft: Draft) -> Iterator[Finding]:
                 if leaf.unit != unit:
                     message = f"the figure '{leaf.name}' is in {unit}, and not in {leaf.unit}"
                     yield Finding(written.path, message, f"write its limits in {unit}", "bad-value")
+
+
+def limits_on_one_figure(one: Condition, other: Condition) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Return the limits of two simple conditions on one figure; None for others."""
+    if not (isinstance(one, LimitsCondition) and isinstance(other, LimitsCondition)):
+        return None
+    is_one_figure = (one.noun, one.targets_named) == (other.noun, other.targets_named)
+    return (one.limits, other.limits) if is_one_figure else None
+
+
+def are_apart(one: Condition, other: Condition) -> bool:
+    """Check whether two conditions have limits on one figure that exclude each other."""
+    found = limits_on_one_figure(one, other)
+    return found is not None and max(low for low, _ in found) >= min(high for _, high in found)
 
 
 def _needs_place(draft: Draft, at: KeyPath) -> Iterator[Finding]:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
+from datetime import datetime, timedelta
+from itertools import combinations
 from pathlib import Path
 
-from stadimeter.config.checks import rule_names, written_conditions
+from stadimeter.config.checks import are_apart, limits_on_one_figure, rule_names, written_conditions
 from stadimeter.config.draft import BASE_NAME, Draft, output_path
 from stadimeter.config.driver_tables import validate
 from stadimeter.config.files import is_file
@@ -22,10 +25,14 @@ from stadimeter.config.rule_test_tables import (
     RuleTest,
     RuleTestTable,
 )
+from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.config.secrets import secret_warnings
+from stadimeter.config.sun import sun_times_s
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.units import TAKEN, PinMark, validation_context
-from stadimeter.core.conditions.compounds import depends_on, targets_of
+from stadimeter.core.conditions.compounds import depends_on, leaves, targets_of
+from stadimeter.core.conditions.schedule import ScheduleCondition
+from stadimeter.core.observation import MonthDay, WallTime
 from stadimeter.core.rule import AlarmRule, FollowRule, LostPolicy
 from stadimeter.operator_actions import OperatorAction
 
@@ -107,7 +114,53 @@ def warning_findings(draft: Draft) -> Iterator[Finding]:
     yield from dict.fromkeys(finding for check in _CHECKS for finding in check(draft))
 
 
-# Rules that do nothing, or drive blindly ------------------------------------------------------------------------------
+# Two rules that ask one output for different things, rules that do nothing, and schedules that never come -------------
+
+
+def _contests(draft: Draft) -> Iterator[Finding]:
+    """Compare alarms that drive one output, two at a time, by the limits on one figure of each."""
+    by_output: dict[str, list[tuple[CompiledRule, AlarmRule]]] = defaultdict(list)
+    for each in draft.compiled:
+        if isinstance(each.rule, AlarmRule) and each.rule.output is not None and not each.rule.observe:
+            by_output[each.rule.output].append((each, each.rule))
+    for output, rivals in by_output.items():
+        for pair in combinations(rivals, 2):
+            (loser, weak), (winner, strong) = sorted(pair, key=lambda rival: rival[1].priority)
+            if loser.section == winner.section:
+                continue
+            if weak.priority == strong.priority:
+                yield from _badly_combined(draft, *pair)
+            elif _covers(strong, weak):
+                message = f"wherever '{loser.section}' holds, '{winner.section}' holds too and wins '{output}'"
+                hint = f"give '{loser.section}' the higher priority, or let '{winner.section}' hold less often"
+                yield Finding(loser.path, message, hint, "shadowed")
+
+
+def _badly_combined(
+    draft: Draft, one: tuple[CompiledRule, AlarmRule], other: tuple[CompiledRule, AlarmRule]
+) -> Iterator[Finding]:
+    (first, _), (at, rule) = one, other
+    rules, table = (one[1], rule), draft.output_tables.get(rule.output or "")
+    if table is None or rule.output == BASE_NAME or "combine" in table.model_fields_set:
+        return
+    is_mixed = all(each.pattern for each in rules) and not are_apart(one[1].condition, rule.condition)
+    if is_mixed or {0.0} < {each.level for each in rules}:
+        why = "both have a pattern, and these mix" if is_mixed else "the highest level counts, so level 0 never does"
+        message = f"'{first.section}' and '{at.section}' drive '{rule.output}' with one priority: {why}"
+        yield Finding(at.at("priority"), message, "give the one that shall win a higher priority", "equal-priority")
+
+
+def _covers(winner: AlarmRule, loser: AlarmRule) -> bool:
+    """Check whether an alarm is active wherever another one is: as soon, and with nothing that keeps it from acting."""
+    limits = limits_on_one_figure(winner.condition, loser.condition)
+    if limits is None or winner.on_delay != loser.on_delay or winner.off_delay_s < loser.off_delay_s:
+        return False
+    if winner.suppress_when is not None or winner.at_start == "announce":
+        return False
+    if loser.latch or loser.lost.policy is LostPolicy.ASSERT:
+        return False  # it can be active where its condition does not hold
+    (low, high), (least, most) = limits
+    return low <= least and high >= most
 
 
 def _rules_matter(draft: Draft) -> Iterator[Finding]:
@@ -147,6 +200,30 @@ def _motion_blind(draft: Draft) -> Iterator[Finding]:
             message = f"without its target '{rule.name}' stays as it was, and '{other}' may drive the base all the same"
             hint = 'write lost = { policy = "assert" } if not seeing it means danger, else { policy = "hold" }'
             yield Finding(each.at("lost"), message, hint, "motion-blind")
+
+
+def _empty_days(draft: Draft) -> Iterator[Finding]:
+    """Count the days of the year ahead on which a schedule by the sun never comes."""
+    place = draft.place
+    if place is None or place.latitude is None or place.longitude is None:
+        return
+    today = datetime.combine(datetime.now(place.zone), datetime.min.time())
+    days = [today + timedelta(days=number) for number in range(366)]
+    for _, written in written_conditions(draft):
+        for leaf in leaves(written.condition):
+            if not isinstance(leaf, ScheduleCondition) or not leaf.is_by_sun:
+                continue
+            may, empty = [day for day in days if leaf.begins_on(MonthDay(day.month, day.day))], []
+            for day in may:
+                rises_s, sets_s = sun_times_s(place.latitude, place.longitude, place.zone, day.date())
+                wall = WallTime(second_of_day=0.0, weekday=0, sunrise_s=rises_s, sunset_s=sets_s)
+                low_s, high_s = leaf.interval_s(wall) or (0.0, 0.0)
+                empty += [f"{day:%m-%d}"] if low_s >= high_s else []
+            if empty:
+                which = f"from {empty[0]} to {empty[-1]}" if len(empty) > 1 else empty[0]
+                message = f"this never comes on {len(empty)} of the next {len(may)} days on which it may hold, {which}"
+                hint = "its end comes first then; write another time if it shall hold on these days too"
+                yield Finding(written.path, message, hint, "empty-days")
 
 
 # Drivers that cannot serve what is asked, and parts without effect ----------------------------------------------------
@@ -216,7 +293,7 @@ def _lens_centred(draft: Draft) -> Iterator[Finding]:
 
 
 _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
-    _rules_matter, _motion_blind,
+    _contests, _rules_matter, _motion_blind, _empty_days,
     _outputs_used, _leases_long_enough, _camera_for_motion, _runs_on, _taken_pins, _clips_written, _lens_centred,
     rule_test_warnings, secret_warnings,
 )  # fmt: skip

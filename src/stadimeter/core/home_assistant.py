@@ -105,7 +105,7 @@ def announced_platforms(payload: bytes) -> dict[str, str]:
     """Return the platforms that an announcement names, by key; none of what no run of this program announces."""
     try:
         kept = msgspec.json.decode(payload, type=_KeptAnnouncement)
-    except msgspec.MsgspecError:
+    except ValueError:
         return {}
     return {key: each.platform for key, each in kept.components.items() if each.platform in PLATFORMS}
 
