@@ -1,4 +1,4 @@
-"""Copies of pictures with the measurement drawn in: outline, centre, distance, and a legend."""
+"""Copies of pictures with the measurement drawn in: outline, centre, and a label."""
 
 from __future__ import annotations
 
@@ -296,7 +296,7 @@ def _draw_cross(canvas: Image, centre: Points, colour: Colour, scale: float) -> 
 
 
 def _draw_words(canvas: Image, marks: Sequence[Mark], factor: int, scale: float) -> None:
-    """Write labels beside their targets, and what was measured where nothing is in the way."""
+    """Write labels beside their targets, and further lines where nothing is in the way."""
     for mark, panel, box in place_words(canvas, marks, factor, scale):
         if mark is not None:
             _draw_leader(canvas, mark, box, factor, scale)
@@ -306,10 +306,10 @@ def _draw_words(canvas: Image, marks: Sequence[Mark], factor: int, scale: float)
 def place_words(
     canvas: Image, marks: Sequence[Mark], factor: int, scale: float
 ) -> Iterator[tuple[Mark | None, Panel, Box]]:
-    """Yield what is written and where: labels, each with its target, then what was measured, and what was rejected.
+    """Yield what is written and where: labels, each with its target; then lines; then what was rejected.
 
-    Nothing is written where there is no room for it; what was measured may cover its target if that has no label, and
-    is left out if there are more than two targets with a label.
+    Nothing is written where there is no room for it. What is said of a target without a label may cover targets, and
+    lines of those with one are left out if there are more than two.
     """
     height, margin = canvas.shape[0], round(14 * scale)
     near = [_box_around(_on_canvas(mark.detection.outline_px, factor)) for mark in marks]
