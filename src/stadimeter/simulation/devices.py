@@ -38,16 +38,11 @@ class SimulatedActuator:
         self.level = 0.0  # the level that it acts with
         self._steps = options.steps
         self._name = context.name
-        self._is_open = False
-
-    @property
-    def is_open(self) -> bool:
-        """True if it is open."""
-        return self._is_open
+        self.is_open = False
 
     def open(self) -> None:
         """Be ready, switched off. Does nothing when open."""
-        self._is_open = True
+        self.is_open = True
 
     def apply(self, command: LevelCommand) -> LevelCommand:
         """Act as commanded, and return the command with the level rounded to the nearest of the device's steps."""
@@ -61,16 +56,16 @@ class SimulatedActuator:
 
     def stop(self) -> None:
         """Switch off at once. Does nothing when closed."""
-        if self._is_open:
+        if self.is_open:
             self.level = 0.0
 
     def close(self) -> None:
         """Switch off and be closed. May be called any number of times."""
         self.stop()
-        self._is_open = False
+        self.is_open = False
 
     def _check_open(self) -> None:
-        if not self._is_open:
+        if not self.is_open:
             raise DeviceClosedError(f"the simulated actuator '{self._name}' is not open")
 
 
