@@ -35,6 +35,7 @@ def entity(platform: str, key: str) -> Component:
 def announcement(*keys: str, **others: Any) -> Announcement:
     return Announcement(
         place=DiscoveryPlace(node="it", base="stadimeter/it", prefix="homeassistant"),
+        version="1",
         components={**{key: entity("sensor", key) for key in keys}, **others},
     )
 

@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+import stadimeter
 from stadimeter.core import message as topics
 from stadimeter.core.alarms.machine import RuleThreshold, thresholds_of
 from stadimeter.core.decision import ALARM_EVENTS, Severity
@@ -65,6 +66,7 @@ def announcement(plan: Plan, place: DiscoveryPlace, orders: Iterable[str]) -> An
     known = {f"{place.base}/{topic}" for topic in (*published, *orders)}
     return Announcement(
         place=place,
+        version=stadimeter.__version__,
         components={
             each["unique_id"].removeprefix(f"{place.device}_"): each
             for each in found

@@ -62,9 +62,9 @@ def init(
 ) -> None:
     """Write a first configuration: asks for camera, target and what shall happen, one thing at a time.
 
-    Shows what it found, and has an answer ready, in brackets, which Enter takes. `back` goes back to what was answered
-    last. Ctrl-C leaves; each answer is saved as it is given, and `stadimeter init` in the same folder goes on from
-    there.
+    Shows what it found, and has an answer ready, in brackets, which Enter takes. What is sure, such as the only camera,
+    is shown and not asked. `back` goes back to what was answered or shown last. Ctrl-C leaves; each answer is saved
+    as it is given, and `stadimeter init` in the same folder goes on from there.
 
     Writes a camera file, a configuration with two tests for each thing that shall happen, and pictures of what was
     found, in the folder init. Then it checks the configuration, runs its tests, and names the next three commands. A
@@ -162,6 +162,8 @@ def _ask(console: Console, interview: Interview) -> None:
     question = _question(console, interview)
     if question is None:
         return
+    if question.is_sure and _takes(console, interview, question.ready):
+        return
     _tell_question(console, question, len(interview.known.answers) + 1)
     while True:
         text = _prompt(console, question.ready)
@@ -173,6 +175,20 @@ def _ask(console: Console, interview: Interview) -> None:
             return
         if accepted is not None:  # the answer is the ready one now
             question = interview.question() or question
+
+
+def _takes(console: Console, interview: Interview, ready: str) -> bool:
+    """Take an answer that is sure, and tell it; return whether there is no doubt of it."""
+    key = interview.next_key
+    try:
+        with _busy(console):
+            accepted = interview.answer(ready)
+    except StadimeterError:  # then it is asked
+        return False
+    if not accepted.doubt:
+        console.print()
+        _tell_accepted(console, key, accepted)
+    return not accepted.doubt
 
 
 def _question(console: Console, interview: Interview) -> Question | None:

@@ -14,7 +14,6 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-import stadimeter
 from stadimeter.core.message import AVAILABILITY, Message
 
 SUPPORT_URL = "https://github.com/stadimeter/stadimeter"
@@ -54,10 +53,12 @@ class Announcement(Struct, frozen=True, kw_only=True):
     """A device with its entities, to be discovered.
 
     Attributes:
+        version: Of this program.
         components: By a key that stays the same while an entity is the same.
     """
 
     place: DiscoveryPlace
+    version: str
     components: Mapping[str, Component]
 
     def message(self, gone: Mapping[str, str] | None = None) -> Message:
@@ -67,16 +68,16 @@ class Announcement(Struct, frozen=True, kw_only=True):
             gone: The platforms of components that are no more, by key: such a message removes them. One without them
                 must follow.
         """
-        place, version = self.place, stadimeter.__version__
+        place = self.place
         content = {
             "device": {
                 "identifiers": [place.device],
                 "name": f"Stadimeter {place.node}",
                 "manufacturer": "Stadimeter project",
                 "model": "Stadimeter",
-                "sw_version": version,
+                "sw_version": self.version,
             },
-            "origin": {"name": "stadimeter", "sw_version": version, "support_url": SUPPORT_URL},
+            "origin": {"name": "stadimeter", "sw_version": self.version, "support_url": SUPPORT_URL},
             "availability": [{"topic": f"{place.base}/{AVAILABILITY.path}"}],
             "availability_mode": "all",
             "components": {

@@ -62,7 +62,7 @@ class CameraStep(SetupStep):
         cameras = list_cameras()
         pictures = _pictures_in(known.folder)
         tried = [(each, _try(known, each, number)) for number, each in enumerate(cameras, start=1)]
-        options = [Option(each.choice, f"{each.name}: {words}") for each, words in tried]
+        options = [Option(each.choice, f"{each.name}: {words}") for each, (words, _) in tried]
         options += [Option(pictures, "the pictures in this folder")] if pictures else []
         ready = options[0].answer if options else ""
         why_none = "No camera is found; `stadimeter cameras` says what to look at."
@@ -74,6 +74,7 @@ class CameraStep(SetupStep):
             found=() if cameras else (why_none,),
             options=tuple(options),
             ready=ready,
+            is_sure=[is_seen for _, (_, is_seen) in tried] == [True],
             form=(
                 "a device such as /dev/video0, picamera2, the address of a stream, a video file, picture files, or "
                 "a folder of pictures"
@@ -144,17 +145,17 @@ def _spread_frames(source: Source) -> tuple[Frame, ...]:
     return tuple(kept)
 
 
-def _try(known: Known, camera: AttachedCamera, number: int) -> str:
-    """Take a picture with a camera that is there; say where it is or what is wrong."""
+def _try(known: Known, camera: AttachedCamera, number: int) -> tuple[str, bool]:
+    """Take a picture with a camera that is there; say where it is or what is wrong, and whether there is one."""
     if camera.trouble or not known.looks_ahead:
-        return camera.trouble or camera.node
+        return camera.trouble or camera.node, False
     name = f"{PICTURES}/camera-{number}.png"
     try:
         frame = take_frame(known.choose(CAMERA, ("camera",), camera_table(camera.choice)), known.opening)
     except StadimeterError as error:
-        return str(error)
+        return str(error), False
     write_picture(known.path(name), frame.image, frame.optics)
-    return f"its picture is {name}"
+    return f"its picture is {name}", True
 
 
 def _pictures_in(folder: Path) -> str:

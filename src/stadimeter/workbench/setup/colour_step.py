@@ -145,11 +145,12 @@ class ColourStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """Propose the range of what stands out."""
-        ready, found = _what_stands_out(known) if known.looks_ahead else ("", ())
+        ready, found, is_sure = _what_stands_out(known) if known.looks_ahead else ("", (), False)
         return Question(
             text="What colour is the ball?",
             found=found,
             ready=ready,
+            is_sure=is_sure,
             form=(
                 f"places on the ball in {SHOWN}, in pixels to the right and down, such as 312,240 330,262; "
                 'pictures with places, such as dusk.jpg@290,255; a range such as "29,86,6:64,255,255"; or '
@@ -169,8 +170,8 @@ class ColourStep(SetupStep):
         return Accepted(answer=proposal.colour, notes=_notes_on(known, samples, proposal), doubt=True)
 
 
-def _what_stands_out(known: Known) -> tuple[str, tuple[str, ...]]:
-    """Return the range of what stands out in a picture, and words about it.
+def _what_stands_out(known: Known) -> tuple[str, tuple[str, ...], bool]:
+    """Return the range of what stands out in a picture, words about it, and whether nothing else has the colour.
 
     That picture becomes the one that is shown.
     """
@@ -180,9 +181,9 @@ def _what_stands_out(known: Known) -> tuple[str, tuple[str, ...]]:
         if proposal is not None and proposal.views[0].detection.status is DetectionStatus.FOUND:
             known.frames = (frame, *(each for each in known.frames if each is not frame))
             write_picture(known.path(SHOWN), frame.image)
-            return proposal.colour, _notes_on(known, samples, proposal)
+            return proposal.colour, _notes_on(known, samples, proposal), not proposal.views[0].others
     words = f"{NOTHING_STANDS_OUT[0].upper()}{NOTHING_STANDS_OUT[1:]}: point at it in {SHOWN}."
-    return "", (words,)
+    return "", (words,), False
 
 
 def _samples(known: Known, text: str) -> list[ColourSample]:

@@ -79,7 +79,8 @@ class Interview:
             self._asked = {step.key: step.question(self.known)}
         asked = self._asked[step.key]
         ready = self._doubted.get(step.key) or self.earlier.get(step.key) or asked.ready
-        return replace(asked, key=step.key, ready=ready, kind=step.kind or step.key)
+        is_sure = asked.is_sure and step.key not in {*self._doubted, *self.earlier}
+        return replace(asked, key=step.key, ready=ready, kind=step.kind or step.key, is_sure=is_sure)
 
     def answer(self, text: str, *, confirm: bool = True) -> Accepted:
         """Answer the next question.

@@ -153,6 +153,8 @@ class Question(Struct, frozen=True, kw_only=True):
         found: What was found out before it was asked, a sentence each.
         ready: The answer that is taken if none is given; empty if there is none.
         form: How an answer may look, for people who want another one.
+        is_sure: Whether the ready answer was found and nothing else can be meant: it is shown, and asked only once it
+            is taken back.
         unattended: The answer that is taken where no person is there to put the target somewhere; empty for `ready`.
         kind: What it asks for, for faces that show more than text: ``camera``, ``target``, ``size``, ``thing`` (what
             else a kind of target needs), ``colour``, ``calibration``, ``recipe``, ``blank``,
@@ -166,6 +168,7 @@ class Question(Struct, frozen=True, kw_only=True):
     options: tuple[Option, ...] = ()
     ready: str = ""
     form: str = ""
+    is_sure: bool = False
     unattended: str = ""
     kind: str = ""
     names: tuple[str, ...] = ()

@@ -284,17 +284,24 @@ class KindStep(SetupStep):
         if not known.check(TARGET, ("targets", self.of.key), target_table(answers), own):
             return Accepted(answer=text)
         choice = build_target(known, **{self.key: text})
+        named = (_describe_size(choice.options),) if self.key == "size" and text[:1].isalpha() else ()
         if not is_last:
-            return Accepted(answer=text)
+            return Accepted(answer=text, notes=named)
         if isinstance(choice.options, ReportsLacks) and (lacks := choice.options.lacks()):
             raise ConfigError("; ".join(lacks))
         found, words = look(known, choice, text if self.key == "size" else "")
-        return Accepted(answer=text, notes=(words,), doubt=is_doubtful(found))
+        return Accepted(answer=text, notes=(*named, words), doubt=is_doubtful(found))
 
     def _own_keys(self, answers: Mapping[str, str]) -> set[str]:
         """Return the keys of the target's table that follow from this answer."""
         mine = "\n".join(line for line in self.of.configuration.splitlines() if f"{{{self.key}}}" in line)
         return {"tolerance", *tomllib.loads(fill(mine, self.of.texts(answers)))}
+
+
+def _describe_size(options: Any) -> str:
+    """Say how large a thing is that was given by its name."""
+    sides_m = [getattr(options, key) for key in ("diameter", "width", "height") if hasattr(options, key)]
+    return f"That is {' × '.join(f'{100 * side_m:g}' for side_m in sides_m)} cm."
 
 
 def is_doubtful(found: Detection) -> bool:
