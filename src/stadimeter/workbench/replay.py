@@ -465,7 +465,7 @@ def _detectors(configuration: Configuration) -> tuple[NamedDetector, ...]:
 
 
 def redetect(configuration: Configuration) -> Observe:
-    """Return what measures the targets of a configuration in recorded pictures.
+    """Return the function that measures the targets of a configuration in recorded pictures.
 
     It raises a `CalibrationError` for a picture of another aspect, a `JournalError` for one that is damaged.
 
