@@ -16,27 +16,14 @@ from stadimeter.config.files import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import parse_length
 from stadimeter.errors import ConfigError, ControlError, DriverError
-from stadimeter.workbench.driving import (
-    LEAST_MAX,
-    LEAST_STEP,
-    LEAST_TURN_S,
-    LONG_S,
-    SHORT_S,
-    TURN_S,
-    Turned,
-    base_with_wheels,
-    open_wheels,
-    takes_duties,
-    wiring_of,
-    with_base_options,
-)
+from stadimeter.workbench import driving
 from stadimeter.workbench.saving import check_is_not_ours, save_files
 
 _ANSWERS = {
-    "lf": Turned(is_right=False, is_backwards=False),
-    "lb": Turned(is_right=False, is_backwards=True),
-    "rf": Turned(is_right=True, is_backwards=False),
-    "rb": Turned(is_right=True, is_backwards=True),
+    "lf": driving.Turned(is_right=False, is_backwards=False),
+    "lb": driving.Turned(is_right=False, is_backwards=True),
+    "rf": driving.Turned(is_right=True, is_backwards=False),
+    "rb": driving.Turned(is_right=True, is_backwards=True),
     "n": None,
 }
 
@@ -63,14 +50,14 @@ def drive(config: ConfigArgument = None) -> None:
         path = configuration_path(config)
         text = read_untrusted_text(path, CONFIGURATION_MAX_BYTES)
         configuration = load_configuration(path, with_tests=False)
-        base_with_wheels(configuration)
+        driving.base_with_wheels(configuration)
         _check_no_run(path)
         _require("Are the wheels off the floor, and is the switch of the motors at hand?")
         found = dict[str, bool | float](_learn_wiring(configuration))
-        if takes_duties(base_with_wheels(configuration)):
+        if driving.takes_duties(driving.base_with_wheels(configuration)):
             sides = {key: bool(value) for key, value in found.items()}
             found |= _learn_least_duty(configuration, sides) | _learn_speed(configuration, sides)
-        _write(path, text, with_base_options(configuration, text, found))
+        _write(path, text, driving.with_base_options(configuration, text, found))
 
 
 @contextmanager
@@ -92,17 +79,17 @@ def _check_no_run(path: Path) -> None:
 
 def _learn_wiring(configuration: Configuration) -> dict[str, bool]:
     """Turn one motor, then the other, and return what their answers mean."""
-    with open_wheels(configuration, {}, MonotonicClock(), _warn) as wheels:
+    with driving.open_wheels(configuration, {}, MonotonicClock(), _warn) as wheels:
         seen = []
         for name, left, right in (("left", 1, 0), ("right", 0, 1)):
             for strength in wheels.strengths:
                 unit = (
                     f"a duty of {strength:.0%}"
-                    if takes_duties(base_with_wheels(configuration))
+                    if driving.takes_duties(driving.base_with_wheels(configuration))
                     else f"{strength:g} m/s"
                 )
-                _ready(f"The motor that CONFIG calls {name} turns forwards for {TURN_S:g} s at {unit}.")
-                wheels.turn(left * strength, right * strength, TURN_S)
+                _ready(f"The motor that CONFIG calls {name} turns forwards for {driving.TURN_S:g} s at {unit}.")
+                wheels.turn(left * strength, right * strength, driving.TURN_S)
                 turned = _ANSWERS[
                     _ask("Which wheel turned, and which way?", "lf, lb, rf, rb; n for none", _ANSWERS.__contains__)
                 ]
@@ -115,7 +102,7 @@ def _learn_wiring(configuration: Configuration) -> dict[str, bool]:
                     "joined, at `enable`, and at its pins or its cable."
                 )
                 raise typer.Exit(NOT_FOUND)
-    return wiring_of(*seen)
+    return driving.wiring_of(*seen)
 
 
 def _learn_least_duty(configuration: Configuration, sides: dict[str, bool]) -> dict[str, float]:
@@ -126,30 +113,32 @@ def _learn_least_duty(configuration: Configuration, sides: dict[str, bool]) -> d
     )
     if not _yes("Does it stand there?"):
         return {}
-    with open_wheels(configuration, sides, MonotonicClock(), _warn) as wheels:
-        duty = LEAST_STEP
-        while duty <= LEAST_MAX + 1e-9:
-            _ready(f"Both wheels get a duty of {duty:.0%} for {LEAST_TURN_S:g} s.")
-            wheels.turn(duty, duty, LEAST_TURN_S)
+    with driving.open_wheels(configuration, sides, MonotonicClock(), _warn) as wheels:
+        duty = driving.LEAST_STEP
+        while duty <= driving.LEAST_MAX + 1e-9:
+            _ready(f"Both wheels get a duty of {duty:.0%} for {driving.LEAST_TURN_S:g} s.")
+            wheels.turn(duty, duty, driving.LEAST_TURN_S)
             if _yes("Did it move?"):
-                return {"minimum_duty": round(duty - LEAST_STEP, 2)}
-            duty += LEAST_STEP
+                return {"minimum_duty": round(duty - driving.LEAST_STEP, 2)}
+            duty += driving.LEAST_STEP
     typer.echo("It did not move: charge the battery, and try again.")
     raise typer.Exit(NOT_FOUND)
 
 
 def _learn_speed(configuration: Configuration, sides: dict[str, bool]) -> dict[str, float]:
     """Drive twice at full duty, and return the speed by the difference of the two ways; empty if that is not wanted."""
-    if not _yes(f"Now the speed. It drives twice, for {SHORT_S:g} s and {LONG_S:g} s: has it 4 m before it?"):
+    if not _yes(
+        f"Now the speed. It drives twice, for {driving.SHORT_S:g} s and {driving.LONG_S:g} s: has it 4 m before it?"
+    ):
         return {}
     ways_m = []
-    with open_wheels(configuration, sides, MonotonicClock(), _warn) as wheels:
-        for for_s in (SHORT_S, LONG_S):
+    with driving.open_wheels(configuration, sides, MonotonicClock(), _warn) as wheels:
+        for for_s in (driving.SHORT_S, driving.LONG_S):
             _ready(f"It drives at full duty for {for_s:g} s.")
             wheels.turn(1.0, 1.0, for_s)
             ways_m.append(parse_length(_ask("How far did it go?", "such as 45 cm", _is_length)))
     # What it needs to speed up and to come to rest is in both ways.
-    speed_mps = (ways_m[1] - ways_m[0]) / (LONG_S - SHORT_S)
+    speed_mps = (ways_m[1] - ways_m[0]) / (driving.LONG_S - driving.SHORT_S)
     if speed_mps <= 0:
         raise ConfigError("it went no further in the longer time by what was answered: measure again")
     return {"max_wheel_speed": round(speed_mps, 3)}

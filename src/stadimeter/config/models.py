@@ -6,30 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, WithJsonSchema, model_validator
 
+from stadimeter.config import units
 from stadimeter.config.addresses import check_page_address
 from stadimeter.config.findings import did_you_mean
-from stadimeter.config.units import (
-    DURATIONS_S,
-    Acceleration,
-    Angle,
-    AngleOrZero,
-    Coordinate,
-    Duration,
-    FilePath,
-    Jerk,
-    Length,
-    LengthOrZero,
-    Speed,
-    Stated,
-    StatedAngle,
-    StatedLengthOrZero,
-    TurnAcceleration,
-    TurnRate,
-    as_written,
-    parse_duration,
-    parse_known,
-    parse_length_or_zero,
-)
 from stadimeter.core import plan
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, Footing, Mount
@@ -68,13 +47,13 @@ class Section(BaseModel):
 
 
 def _above_zero(text: object) -> float:
-    value = parse_duration(text)
+    value = units.parse_duration(text)
     if value == 0:
         raise ValueError(f"{text!r} is not a duration above zero")
     return value
 
 
-DurationAboveZero = Annotated[float, BeforeValidator(_above_zero), as_written(DURATIONS_S, "250 ms")]
+DurationAboveZero = Annotated[float, BeforeValidator(_above_zero), units.as_written(units.DURATIONS_S, "250 ms")]
 AfterFault = Literal["reopen", "stay_off"]
 Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -88,11 +67,11 @@ class MountTable(Section):
         "tilt": 'tilt = "-12 deg" in [camera]',
     }
 
-    x: Coordinate = 0.0
+    x: units.Coordinate = 0.0
     """In metres; how far the lens is ahead of the middle of the robot."""
-    y: Coordinate = 0.0
+    y: units.Coordinate = 0.0
     """In metres; how far it is to the left of it."""
-    yaw: Angle = 0.0
+    yaw: units.Angle = 0.0
     """In radians; how far it is turned to the left."""
 
 
@@ -101,9 +80,9 @@ class CameraTable(Section):
 
     model: Any = None
     """The camera file, relative to the configuration, or the same keys as a table."""
-    height: StatedLengthOrZero | None = None
+    height: units.StatedLengthOrZero | None = None
     """In metres; how high it is above the floor, and how well that is known. None if it is not."""
-    tilt: StatedAngle = Stated(0.0)
+    tilt: units.StatedAngle = units.Stated(0.0)
     """In radians; how far it looks up from level, below zero for down, and how well that is known."""
 
     mount: MountTable | None = None
@@ -126,7 +105,7 @@ class CameraTable(Section):
         """Return the camera above the floor and what of a target is on it; None of one that need not be on it."""
         if target.on_floor is False or self.height is None:
             return None
-        centre = target.on_floor if isinstance(target.on_floor, Stated) else None
+        centre = target.on_floor if isinstance(target.on_floor, units.Stated) else None
         return Footing(
             height_m=self.height.value,
             height_sigma_m=HEIGHT_SIGMA_M if self.height.sigma is None else self.height.sigma,
@@ -140,24 +119,24 @@ class CameraTable(Section):
 class SecondCameraTable(Section):
     """The keys of a second camera, whatever its driver, which looks at the targets from beside the first one."""
 
-    stereo: FilePath
+    stereo: units.FilePath
     """The stereo file, relative to the configuration: both lenses, and where this camera is."""
 
 
-def _on_floor(value: object) -> bool | Stated:
+def _on_floor(value: object) -> bool | units.Stated:
     """Read whether a target is on the floor, or how high its centre is above it."""
     if isinstance(value, bool):
         return value
     if value == "lying":
-        return Stated(0.0)
+        return units.Stated(0.0)
     try:
-        return parse_known(value, parse_length_or_zero, parse_length_or_zero)
+        return units.parse_known(value, units.parse_length_or_zero, units.parse_length_or_zero)
     except ValueError as error:
         raise ValueError(f"{error}; or write true for what stands on the floor, 'lying' for what lies flat") from error
 
 
 OnFloorText = Annotated[
-    bool | Stated,
+    bool | units.Stated,
     PlainValidator(_on_floor),
     WithJsonSchema({"anyOf": [{"type": "boolean"}, {"type": "string"}], "examples": ["lying"]}),
 ]
@@ -195,15 +174,15 @@ class ActuatorTable(Section):
 class BaseTable(Section):
     """The keys that every base has, whatever its driver."""
 
-    linear_max_mps: Speed = Field(default=_BASE.linear_max_mps, alias="max_speed")
+    linear_max_mps: units.Speed = Field(default=_BASE.linear_max_mps, alias="max_speed")
     """In m/s, either way."""
-    angular_max_radps: TurnRate = Field(default=_BASE.angular_max_radps, alias="max_turn_rate")
+    angular_max_radps: units.TurnRate = Field(default=_BASE.angular_max_radps, alias="max_turn_rate")
     """In rad/s."""
-    linear_accel_mps2: Acceleration = Field(default=_BASE.linear_accel_mps2, alias="acceleration")
+    linear_accel_mps2: units.Acceleration = Field(default=_BASE.linear_accel_mps2, alias="acceleration")
     """In m/s²."""
-    angular_accel_radps2: TurnAcceleration = Field(default=_BASE.angular_accel_radps2, alias="turn_acceleration")
+    angular_accel_radps2: units.TurnAcceleration = Field(default=_BASE.angular_accel_radps2, alias="turn_acceleration")
     """In rad/s²."""
-    linear_jerk_mps3: Jerk = Field(default=_BASE.linear_jerk_mps3, alias="jerk")
+    linear_jerk_mps3: units.Jerk = Field(default=_BASE.linear_jerk_mps3, alias="jerk")
     """In m/s³; 0 for no limit. The rate of turn has as long to reach its acceleration."""
     lease: DurationAboveZero = LEASE_S
     """In seconds."""
@@ -218,18 +197,18 @@ class BaseTable(Section):
 class SensorTable(Section):
     """The keys that every range sensor has, whatever its driver. Rules may name it as a target."""
 
-    bearing: Angle = 0.0
+    bearing: units.Angle = 0.0
     """In radians; where it looks, positive to the right of the camera."""
-    ahead: Coordinate = 0.0
+    ahead: units.Coordinate = 0.0
     """In metres; how far before the camera it sits, along its beam; below zero for behind."""
-    stop_below: Length | None = None
+    stop_below: units.Length | None = None
     """In metres; while something is nearer, and while the sensor is silent, the base stands, whatever rules want. None
     for never."""
     confirms: str = ""
     """The target that it measures too, while that is within `beam`; empty for none."""
-    to_centre: LengthOrZero = 0.0
+    to_centre: units.LengthOrZero = 0.0
     """In metres; from the surface that it sees to the centre of that target: the radius of a ball."""
-    beam: AngleOrZero = math.radians(15)
+    beam: units.AngleOrZero = math.radians(15)
     """In radians; the full width of its beam."""
 
     def to_plan(self, name: str) -> SensorPair:
@@ -253,7 +232,7 @@ class ButtonTable(Section):
     """What a short press does, when it is let go; but `stop-outputs` as soon as it is down."""
     hold: ButtonAction | None = None
     """What a long press does; None for the same as a short one."""
-    hold_for: Annotated[Duration, Field(ge=1.0, le=HOLD_MAX_S)] = 2.0
+    hold_for: Annotated[units.Duration, Field(ge=1.0, le=HOLD_MAX_S)] = 2.0
     """In seconds; how long it must be held down for a long press."""
     shelve_for: DurationAboveZero | None = None
     """In seconds; how long `shelve` lasts. None for as long as each rule allows."""
@@ -286,17 +265,17 @@ class WebTable(Section):
     """The port on which it listens."""
     host: Annotated[str, Field(min_length=1)] | None = None
     """The address on which it listens. By default this computer's own, and every address once a password is set."""
-    certificate: FilePath | None = None
+    certificate: units.FilePath | None = None
     """The certificate for https, a PEM file; with `key`."""
-    key: FilePath | None = None
+    key: units.FilePath | None = None
     """The key of the certificate, a PEM file."""
-    password_file: FilePath | None = None
+    password_file: units.FilePath | None = None
     """Where the hashes of passwords are. By default beside the configuration, or with the state of the service."""
     allowed_hosts: list[Annotated[str, Field(min_length=1)]] = []
     """Other names under which browsers may find this computer, such as that of a proxy."""
     others: list[Annotated[str, BeforeValidator(check_page_address)]] = []
     """The pages of other cameras, such as ``"http://garage.local:8080"``; their alarms are shown with this one's."""
-    others_tokens: FilePath | None = None
+    others_tokens: units.FilePath | None = None
     """A file with the tokens of those that have passwords: on each line an address and its token."""
 
     @model_validator(mode="after")
@@ -309,13 +288,13 @@ class WebTable(Section):
 class TrackingTable(Section):
     """The way targets are tracked; see `stadimeter.core.plan.Tracking`."""
 
-    acceleration_mps2: Acceleration = Field(default=_TRACKING.acceleration_mps2, alias="acceleration")
+    acceleration_mps2: units.Acceleration = Field(default=_TRACKING.acceleration_mps2, alias="acceleration")
     """In m/s²."""
     autocorrelation: Annotated[float, Field(ge=0, lt=1)] = _TRACKING.autocorrelation
     """Of the measurement noise from one frame to the next."""
     confirm_frames: Annotated[int, Field(ge=1)] = _TRACKING.confirm_frames
     """How many frames a new target must be measured in."""
-    coast_s: Duration = Field(default=_TRACKING.coast_s, alias="coast")
+    coast_s: units.Duration = Field(default=_TRACKING.coast_s, alias="coast")
     """In seconds."""
     noise_factor: Annotated[float, Field(gt=0)] = _TRACKING.noise_factor
     """How many times larger than stated the noise of measurements is."""

@@ -15,21 +15,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import BeforeValidator, PlainValidator, ValidationInfo, WithJsonSchema
 
-from stadimeter.core.bounds import (
-    MAX_ACCELERATION_MPS2,
-    MAX_ANGLE_RAD,
-    MAX_DURATION_S,
-    MAX_FREQUENCY_HZ,
-    MAX_LENGTH_M,
-    MAX_PLAIN,
-    MAX_SIZE,
-    MAX_SPEED_MPS,
-    MAX_TURN_ACCELERATION_RADPS2,
-    MAX_TURN_RATE_RADPS,
-    MAX_VOLTAGE_V,
-    MIN_QUANTITY,
-    SIZE_UNIT,
-)
+from stadimeter.core import bounds
 from stadimeter.core.clock import DAY_S
 
 # The 40-pin header of a Raspberry Pi (every board since the B+ of 2014), as its documentation has it ------------------
@@ -85,38 +71,40 @@ class Units(dict[str, float]):
         return next(name for name, size in self.items() if size == 1.0)
 
 
-LENGTHS_M = Units(MAX_LENGTH_M, {
+LENGTHS_M = Units(bounds.MAX_LENGTH_M, {
     "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3,
     "in": INCH_M, "inch": INCH_M, "inches": INCH_M, '"': INCH_M,
     "ft": FOOT_M, "foot": FOOT_M, "feet": FOOT_M, "'": FOOT_M,
     "yd": 0.9144,
 })  # fmt: skip
-DURATIONS_S = Units(MAX_DURATION_S, {"us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60, "h": 3600, "d": DAY_S})
-SPEEDS_MPS = Units(MAX_SPEED_MPS, {
+DURATIONS_S = Units(
+    bounds.MAX_DURATION_S, {"us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60, "h": 3600, "d": DAY_S}
+)
+SPEEDS_MPS = Units(bounds.MAX_SPEED_MPS, {
     "mm/s": 1e-3, "cm/s": 1e-2, "m/s": 1.0, "km/h": 1 / 3.6, "in/s": INCH_M, "ft/s": FOOT_M, "mph": 0.44704,
 })  # fmt: skip
-JERKS_MPS3 = Units(MAX_ACCELERATION_MPS2 * 10, {"m/s3": 1.0, "m/s^3": 1.0, "m/s³": 1.0, "cm/s3": 1e-2})
+JERKS_MPS3 = Units(bounds.MAX_ACCELERATION_MPS2 * 10, {"m/s3": 1.0, "m/s^3": 1.0, "m/s³": 1.0, "cm/s3": 1e-2})
 ACCELERATIONS_MPS2 = Units(
-    MAX_ACCELERATION_MPS2, {"m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "cm/s2": 1e-2, "ft/s2": FOOT_M}
+    bounds.MAX_ACCELERATION_MPS2, {"m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "cm/s2": 1e-2, "ft/s2": FOOT_M}
 )
-ANGLES_RAD = Units(MAX_ANGLE_RAD, {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180})
-TURN_RATES_RADPS = Units(MAX_TURN_RATE_RADPS, {"rad/s": 1.0, "deg/s": math.pi / 180, "°/s": math.pi / 180})
+ANGLES_RAD = Units(bounds.MAX_ANGLE_RAD, {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180})
+TURN_RATES_RADPS = Units(bounds.MAX_TURN_RATE_RADPS, {"rad/s": 1.0, "deg/s": math.pi / 180, "°/s": math.pi / 180})
 TURN_ACCELERATIONS_RADPS2 = Units(
-    MAX_TURN_ACCELERATION_RADPS2,
+    bounds.MAX_TURN_ACCELERATION_RADPS2,
     {
         f"{turn}/{time}": size
         for turn, size in (("rad", 1.0), ("deg", math.pi / 180), ("°", math.pi / 180))
         for time in ("s2", "s^2", "s²")
     },
 )
-VOLTAGES_V = Units(MAX_VOLTAGE_V, {"V": 1.0, "mV": 1e-3})
-FREQUENCIES_HZ = Units(MAX_FREQUENCY_HZ, {"Hz": 1.0, "hz": 1.0, "kHz": 1e3})
-BYTES = Units(MAX_PLAIN, {"B": 1.0, "kB": 1e3, "MB": 1e6, "GB": 1e9, "MiB": 2.0**20, "GiB": 2.0**30})
+VOLTAGES_V = Units(bounds.MAX_VOLTAGE_V, {"V": 1.0, "mV": 1e-3})
+FREQUENCIES_HZ = Units(bounds.MAX_FREQUENCY_HZ, {"Hz": 1.0, "hz": 1.0, "kHz": 1e3})
+BYTES = Units(bounds.MAX_PLAIN, {"B": 1.0, "kB": 1e3, "MB": 1e6, "GB": 1e9, "MiB": 2.0**20, "GiB": 2.0**30})
 
 # The quantities of thresholds. No unit is of two of them.
-SIZES = Units(MAX_SIZE, {SIZE_UNIT: 1.0, "%": 0.01})
+SIZES = Units(bounds.MAX_SIZE, {bounds.SIZE_UNIT: 1.0, "%": 0.01})
 _OF_THRESHOLDS = (LENGTHS_M, DURATIONS_S, SPEEDS_MPS, ANGLES_RAD, VOLTAGES_V, SIZES)
-_OF_ANY_THRESHOLD = Units(MAX_LENGTH_M, {unit: size for units in _OF_THRESHOLDS for unit, size in units.items()})
+_OF_ANY_THRESHOLD = Units(bounds.MAX_LENGTH_M, {unit: size for units in _OF_THRESHOLDS for unit, size in units.items()})
 
 _OF_ALL = (
     *_OF_THRESHOLDS, JERKS_MPS3, ACCELERATIONS_MPS2, TURN_RATES_RADPS, TURN_ACCELERATIONS_RADPS2, FREQUENCIES_HZ,
@@ -159,8 +147,10 @@ def parse_quantity(text: object, units: Units, example: str) -> float:
     value = number * units[unit]
     if abs(value) > units.most:
         raise ValueError(f"{text!r} is too large a number; at most {units.most:g} {units.si_unit} are taken")
-    if 0 < abs(value) < MIN_QUANTITY or (number and not value):
-        raise ValueError(f"{text!r} is too small a number; write 0, or at least {MIN_QUANTITY:g} {units.si_unit}")
+    if 0 < abs(value) < bounds.MIN_QUANTITY or (number and not value):
+        raise ValueError(
+            f"{text!r} is too small a number; write 0, or at least {bounds.MIN_QUANTITY:g} {units.si_unit}"
+        )
     return value
 
 

@@ -25,16 +25,7 @@ from typing import Any, Protocol
 
 from msgspec import Struct
 
-from stadimeter.app.control.messages import (
-    LINE_MAX_BYTES,
-    FrameArgs,
-    Reply,
-    Request,
-    SubscribeArgs,
-    Transaction,
-    parse_request,
-    transaction_of,
-)
+from stadimeter.app.control import messages
 from stadimeter.app.places import check_folder, is_alive
 from stadimeter.errors import ControlError
 
@@ -58,17 +49,17 @@ RETRY_S = 0.05
 
 # Gives the answer to a request. May be called from any thread, once; it never waits. An answer that takes long to put
 # into words is given as a function, which is called in the thread of the connection.
-Answer = Callable[[Reply | Callable[[], Reply]], None]
+Answer = Callable[[messages.Reply | Callable[[], messages.Reply]], None]
 
 
 class Watched(Protocol):
     """The parts of a run that can be watched, without asking the loop."""
 
-    def subscribe(self, args: SubscribeArgs, wake: Answer) -> Callable[[], None]:
+    def subscribe(self, args: messages.SubscribeArgs, wake: Answer) -> Callable[[], None]:
         """Begin to call ``wake`` with what makes the next snapshot, from any thread; return what ends it."""
         ...
 
-    def frame(self, args: FrameArgs) -> Reply:
+    def frame(self, args: messages.FrameArgs) -> messages.Reply:
         """Return the newest frame."""
         ...
 
@@ -80,7 +71,7 @@ class Asked(Struct, frozen=True):
         may_let_act: Whether its sender may let outputs act.
     """
 
-    request: Request
+    request: messages.Request
     answer: Answer
     may_let_act: bool = True
 
@@ -133,7 +124,7 @@ class ControlSocket:
             server.end()
             self.path.unlink(missing_ok=True)
 
-    def put(self, request: Request, answer: Answer) -> None:
+    def put(self, request: messages.Request, answer: Answer) -> None:
         """Let a request wait for the loop; `ControlError` if too many wait already."""
         if len(self._asked) >= WAITING_MAX:
             raise ControlError(f"{WAITING_MAX} requests wait already; try again later")
@@ -150,7 +141,7 @@ class _Handler(socketserver.StreamRequestHandler):
         super().setup()
         self.request.settimeout(self.server.control.idle_max_s)
         self.thread, self.is_closed = threading.current_thread(), False
-        self.replies: queue.SimpleQueue[Reply | Callable[[], Reply]] = queue.SimpleQueue()
+        self.replies: queue.SimpleQueue[messages.Reply | Callable[[], messages.Reply]] = queue.SimpleQueue()
         self.server.handlers.add(self)
 
     def finish(self) -> None:
@@ -163,25 +154,27 @@ class _Handler(socketserver.StreamRequestHandler):
         self.is_closed = True
         with suppress(OSError):  # the client is gone already
             self.request.shutdown(socket.SHUT_RDWR)
-        self.replies.put(Reply(error="the connection was closed"))
+        self.replies.put(messages.Reply(error="the connection was closed"))
 
     def handle(self) -> None:
         """Answer every line. What is raised here ends this connection, and no other."""
-        while (line := self.rfile.readline(LINE_MAX_BYTES + 1)).endswith(b"\n"):
+        while (line := self.rfile.readline(messages.LINE_MAX_BYTES + 1)).endswith(b"\n"):
             if line.strip() and not self._answer(line):
                 return
-        if len(line) > LINE_MAX_BYTES:
-            self.wfile.write(Reply(error=f"a line of more than {LINE_MAX_BYTES} bytes is no request").line(None))
+        if len(line) > messages.LINE_MAX_BYTES:
+            self.wfile.write(
+                messages.Reply(error=f"a line of more than {messages.LINE_MAX_BYTES} bytes is no request").line(None)
+            )
 
     def _answer(self, line: bytes) -> bool:
         """Answer a line; return whether more may be asked on this connection."""
         with self.server.control.speaking:
-            transaction = transaction_of(line)
+            transaction = messages.transaction_of(line)
             try:
-                end = self._begin(parse_request(line))
+                end = self._begin(messages.parse_request(line))
             except ControlError as error:
                 end = None
-                self.replies.put(Reply(error=str(error)))
+                self.replies.put(messages.Reply(error=str(error)))
         if end is None:
             # Without an answer in time the connection ends: the next request would be given the one that is too late.
             self._write(self.replies.get(timeout=ANSWER_MAX_S), transaction)
@@ -194,7 +187,7 @@ class _Handler(socketserver.StreamRequestHandler):
             end()
         return False
 
-    def _begin(self, request: Request) -> Callable[[], None] | None:
+    def _begin(self, request: messages.Request) -> Callable[[], None] | None:
         """See to it that a request will be answered; return what ends a subscription, None for any other request."""
         control, answer = self.server.control, self.replies.put
         if request.op == "subscribe":
@@ -202,9 +195,9 @@ class _Handler(socketserver.StreamRequestHandler):
         if request.op == "frame":
             answer(partial(self._watched().frame, request.args))
         elif request.op == "hello":
-            answer(Reply(control.hello()))
+            answer(messages.Reply(control.hello()))
         elif request.op == "metrics":
-            answer(lambda: Reply(control.metrics()))
+            answer(lambda: messages.Reply(control.metrics()))
         else:
             control.put(request, answer)
         return None
@@ -215,10 +208,10 @@ class _Handler(socketserver.StreamRequestHandler):
             raise ControlError("this run cannot be watched")
         return watched
 
-    def _write(self, reply: Reply | Callable[[], Reply], transaction: Transaction) -> None:
+    def _write(self, reply: messages.Reply | Callable[[], messages.Reply], transaction: messages.Transaction) -> None:
         """Write the line of an answer, and what follows it."""
         with self.server.control.speaking:
-            known = reply if isinstance(reply, Reply) else make_reply(reply)
+            known = reply if isinstance(reply, messages.Reply) else make_reply(reply)
             line = known.line(transaction)
         self.wfile.write(line)
         if known.attached:
@@ -272,9 +265,9 @@ class _SocketServer(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
         """Say nothing: the connection is closed, and what clients send must not fill a log."""
 
 
-def make_reply(reply: Callable[[], Reply]) -> Reply:
+def make_reply(reply: Callable[[], messages.Reply]) -> messages.Reply:
     """Return the answer of a function; if it fails, an error that says so."""
     try:
         return reply()
     except BaseException as error:  # noqa: BLE001 - a defect in an answer is said to whoever asked
-        return Reply(error=f"the answer could not be put into words: {type(error).__name__}: {error}")
+        return messages.Reply(error=f"the answer could not be put into words: {type(error).__name__}: {error}")

@@ -22,18 +22,8 @@ from msgspec.structs import replace
 
 import stadimeter
 from stadimeter.app.cycle import CycleRecord
+from stadimeter.app.recordings import journal
 from stadimeter.app.recordings import recording_messages as messages
-from stadimeter.app.recordings.journal import (
-    FILE_NAME,
-    LIBRARY,
-    CycleEncoder,
-    RecordedConfiguration,
-    RecordFile,
-    cycle_schema,
-    is_ours,
-    reload_json,
-    to_be_recorded,
-)
 from stadimeter.config.extras import require
 from stadimeter.config.files import sha256_of
 from stadimeter.config.loader import Configuration
@@ -94,18 +84,20 @@ class Recorded(Struct, frozen=True, kw_only=True):
         clip_of: Of a clip, what it was written for: the kind of event, and the rule or source; empty for none.
     """
 
-    configuration: RecordedConfiguration
+    configuration: journal.RecordedConfiguration
     camera: CameraModel | None = None
     sizes: Mapping[str, TargetShape] = field(default_factory=dict)
     clip_of: Mapping[str, str] = field(default_factory=dict)
 
 
 def what_is_recorded(
-    configuration: Configuration, detectors: Mapping[str, Detector], recorded: RecordedConfiguration | None = None
+    configuration: Configuration,
+    detectors: Mapping[str, Detector],
+    recorded: journal.RecordedConfiguration | None = None,
 ) -> Recorded:
     """Return the facts that the recordings of a run state about it."""
     return Recorded(
-        configuration=recorded or to_be_recorded(configuration),
+        configuration=recorded or journal.to_be_recorded(configuration),
         camera=configuration.camera_model,
         sizes={name: detector.target_shape for name, detector in detectors.items()},
     )
@@ -140,7 +132,7 @@ class EntryEncoder:
         self._recorded = recorded
         self._choice = ImageChooser(options)
         self._quality_percent = options.quality_percent
-        self._encoder = CycleEncoder(repeats_rules=True)
+        self._encoder = journal.CycleEncoder(repeats_rules=True)
         self._lens: CameraModel | None = None
         self._cycles = 0
 
@@ -167,9 +159,9 @@ class EntryEncoder:
         for event in record.decision.events:
             yield Entry(LOG, messages.LOG, now_s, messages.log(event, self.at_ns(event.at_s)))
 
-    def reload(self, now_s: float, configuration: RecordedConfiguration) -> Entry:
+    def reload(self, now_s: float, configuration: journal.RecordedConfiguration) -> Entry:
         """Return that another configuration was loaded."""
-        return Entry(CONFIGURATION, messages.CONFIGURATION, now_s, reload_json(now_s, configuration))
+        return Entry(CONFIGURATION, messages.CONFIGURATION, now_s, journal.reload_json(now_s, configuration))
 
     def _picture(self, record: CycleRecord, frame: Frame) -> Iterator[Entry]:
         """Yield a picture, and what was found in it. It stands before the cycle that it belongs to."""
@@ -216,7 +208,7 @@ class RecordingWriter:
         self._recorded = recorded
         self._entries = EntryEncoder(recorded, options or ImageOptions())
         self._anchor_ns = anchor_ns
-        self._file = RecordFile(path, self.kind, is_ours)
+        self._file = journal.RecordFile(path, self.kind, journal.is_ours)
         self._writer: Writer | None = None
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
@@ -260,11 +252,11 @@ class RecordingWriter:
         """Take in what the run restores from an earlier one. Only before the first cycle."""
         self._resumed = text
 
-    def begin_with(self, configuration: RecordedConfiguration) -> None:
+    def begin_with(self, configuration: journal.RecordedConfiguration) -> None:
         """Take in that another configuration was loaded before there was anything to record."""
         self._recorded = replace(self._recorded, configuration=configuration)
 
-    def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
+    def note_reload(self, now_s: float, configuration: journal.RecordedConfiguration) -> None:
         """Add that another configuration was loaded, before the first cycle that it decides."""
         self.add([self._entries.reload(now_s, configuration)])
 
@@ -302,7 +294,7 @@ class RecordingWriter:
         from mcap.writer import Writer  # noqa: PLC0415 - only recordings need it
 
         writer = Writer(self._file)  # type: ignore[arg-type] # it needs no more of a file than ours has
-        writer.start(library=f"{LIBRARY} {stadimeter.__version__}")
+        writer.start(library=f"{journal.LIBRARY} {stadimeter.__version__}")
         configuration = self._recorded.configuration
         began_at = datetime.fromtimestamp(began_ns // 1_000_000 / 1000, UTC).isoformat(timespec="milliseconds")
         about = {
@@ -313,7 +305,7 @@ class RecordingWriter:
             **{CLIP_OF + key: value for key, value in self._recorded.clip_of.items()},
         }
         writer.add_metadata(METADATA, about)
-        writer.add_attachment(began_ns, began_ns, FILE_NAME, "application/toml", configuration.text.encode())
+        writer.add_attachment(began_ns, began_ns, journal.FILE_NAME, "application/toml", configuration.text.encode())
         for name, text in configuration.files.items():
             writer.add_attachment(began_ns, began_ns, CAMERA_FILE + name, "application/toml", text.encode())
         if self._resumed:
@@ -322,7 +314,7 @@ class RecordingWriter:
 
     def _new_channel(self, writer: Writer, topic: str, schema: str) -> int:
         if schema not in self._schemas:
-            shape = messages.plain(cycle_schema()) if schema == messages.CYCLE else messages.SCHEMAS[schema]
+            shape = messages.plain(journal.cycle_schema()) if schema == messages.CYCLE else messages.SCHEMAS[schema]
             self._schemas[schema] = writer.register_schema(schema, "jsonschema", json.dumps(shape).encode())
         channel: int = writer.register_channel(topic, "json", self._schemas[schema])
         self._channels[topic] = channel
