@@ -105,11 +105,7 @@ RELEASES = {
         libraries=("numpy<2", "opencv-python-headless<4.12", "lgpio>=0.2.2"),  # picamera2 there is built for numpy 1
     ),
     "trixie": Release(
-        suffix="deb13",
-        python="3.13",
-        glibc=41,
-        libraries=("numpy>=2.2",),
-        recommends="raspi-utils, python3-lgpio",
+        suffix="deb13", python="3.13", glibc=41, libraries=("numpy>=2.2",), recommends="raspi-utils, python3-lgpio"
     ),
 }
 

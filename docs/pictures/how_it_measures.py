@@ -16,12 +16,7 @@ from stadimeter.core.detection import Detection, Points
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.sampling import grey_of, reduced, to_full_scale
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
-from stadimeter.detectors.sheet.evidence import (
-    SearchedPicture,
-    find_quadrilaterals,
-    pale_masks,
-    quick_masks,
-)
+from stadimeter.detectors.sheet.evidence import SearchedPicture, find_quadrilaterals, pale_masks, quick_masks
 from stadimeter.detectors.tag import TagDetector, TagOptions
 from stadimeter.detectors.tag.search import find_outlines
 from stadimeter.ranging.flat import sheet_poses, upright_poses

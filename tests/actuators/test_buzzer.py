@@ -75,12 +75,7 @@ def test_a_stop_in_the_middle_of_a_beep_is_forgotten_by_the_next_command(
     assert factory.pin(23).state == 1.0, "a beep that was cut off does not count"
 
 
-@each_case(
-    "wrong",
-    [
-        {"pin": True},
-    ],
-)
+@each_case("wrong", [{"pin": True}])
 def test_beeps_that_could_not_be_told_apart_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         BuzzerOptions.model_validate({"pin": 23, **wrong})
@@ -355,9 +350,7 @@ def test_a_relay_is_switched_by_a_low_pin_unless_told_otherwise(context: DriverC
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [{"on_at": 0.5}, {"dimmed": True, "frequency": "1 Hz"}, {"frequency": "200 Hz"}],
-    ids=str,
+    "wrong", [{"on_at": 0.5}, {"dimmed": True, "frequency": "1 Hz"}, {"frequency": "200 Hz"}], ids=str
 )
 def test_options_that_would_have_no_effect_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValidationError):

@@ -205,9 +205,7 @@ def test_a_computer_that_is_no_pi_is_told_how_to_try_without_pins(
         open_pin_factory()
 
 
-def test_a_pi_whose_pins_cannot_be_opened_names_the_device_and_the_group(
-    lgpio: Callable[[], ModuleType],
-) -> None:
+def test_a_pi_whose_pins_cannot_be_opened_names_the_device_and_the_group(lgpio: Callable[[], ModuleType]) -> None:
     open_pin_factory().close()
     lgpio().chips.clear()
     with pytest.raises(DeviceOpenError, match=r"can not open gpiochip.*/dev/gpiochip0.*group gpio"):

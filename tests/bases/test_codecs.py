@@ -96,9 +96,7 @@ HEARD: dict[tuple[str, str], list[BaseMessage]] = {
     (OI, "stream_frame_42_bytes"): [IN_FULL_MODE],
     (OI, "stream_resync"): [IN_FULL_MODE],
     (WAVESHARE, "feedback"): [BaseMessage(is_identity=True, battery_v=12.03, left_m=0.12, right_m=0.13)],
-    (HOVERBOARD, "feedback"): [
-        BaseMessage(is_identity=True, battery_v=36.5, left_mps=-0.5, right_mps=-0.5, errors=()),
-    ],
+    (HOVERBOARD, "feedback"): [BaseMessage(is_identity=True, battery_v=36.5, left_mps=-0.5, right_mps=-0.5, errors=())],
     (OPENBOT, "features"): [BaseMessage(is_identity=True)],
     (OPENBOT, "voltage"): [BaseMessage(battery_v=12.03)],
 }

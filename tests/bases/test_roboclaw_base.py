@@ -113,8 +113,7 @@ def test_a_lost_answer_holds_up_the_others_for_a_few_frames_only() -> None:
 
 @each_case("is_old", [False, True])
 @each_case(
-    ("names", "bits"),
-    [((), (0, 0)), (("emergency stop",), (1, 4)), (("too hot",), (2, 8)), ((), (0x03FF0000, 0xFC03))],
+    ("names", "bits"), [((), (0, 0)), (("emergency stop",), (1, 4)), (("too hot",), (2, 8)), ((), (0x03FF0000, 0xFC03))]
 )
 def test_both_widths_of_the_status_are_understood(*, is_old: bool, names: tuple[str, ...], bits: list[int]) -> None:
     board, asked = RoboclawFirmware(), codec()

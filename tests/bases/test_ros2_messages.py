@@ -8,14 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.bases.protocol import Motion
-from stadimeter.bases.rosbridge import (
-    POSE_TYPE,
-    battery_from_json,
-    pose_json,
-    target_pose,
-    type_name,
-    velocity_json,
-)
+from stadimeter.bases.rosbridge import POSE_TYPE, battery_from_json, pose_json, target_pose, type_name, velocity_json
 from stadimeter.core.measurement import Track, TrackStatus
 
 pytest.importorskip("rosbags", reason="the definitions of ROS 2's messages, of the group dev")

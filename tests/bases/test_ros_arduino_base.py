@@ -24,12 +24,7 @@ from stadimeter.testing.rig import ManualClock
 from support.base_bench import BaseBench, base_bench, opened
 from support.each_case import each_case
 
-OPTIONS = {
-    "wheel_diameter": "65 mm",
-    "ticks_per_turn": 1440,
-    "track_width": "16 cm",
-    "max_wheel_speed": "0.5 m/s",
-}
+OPTIONS = {"wheel_diameter": "65 mm", "ticks_per_turn": 1440, "track_width": "16 cm", "max_wheel_speed": "0.5 m/s"}
 
 
 @pytest.fixture

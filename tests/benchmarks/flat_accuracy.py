@@ -125,12 +125,7 @@ def _tutorial(row: str, seed: int, made: RenderedScene) -> Sample:
     if tutorial.is_the_sheet(made.image, truth.outline_px):
         measured = distance_m(tutorial_focal_px(), max(draw.SHEET_M), tutorial.sheet_long_side_px(made.image))
     return Sample(
-        row=row,
-        method=TUTORIAL,
-        seed=seed,
-        apparent_px=truth.apparent_px,
-        true_m=truth.depth_m,
-        measured_m=measured,
+        row=row, method=TUTORIAL, seed=seed, apparent_px=truth.apparent_px, true_m=truth.depth_m, measured_m=measured
     )
 
 

@@ -152,12 +152,7 @@ def _discs(seed: int) -> Iterable[FlatSample]:
         yield _measured(DISC, ("all", f"before {backdrop}"), flat.scene, "disc")
 
 
-def _flat(
-    name: str,
-    kind: str,
-    flat: HardFlat,
-    colour: str | None = None,
-) -> FlatSample:
+def _flat(name: str, kind: str, flat: HardFlat, colour: str | None = None) -> FlatSample:
     """Measure a sheet or a strip with what a user would say of it."""
     options = {
         "width": f"{flat.width_m} m",

@@ -63,14 +63,7 @@ EVENTS: dict[str, tuple[Callable[[Rig], None], str]] = {
     "an exception in the loop": (lambda rig: rig.fail_in_loop(), "100 ms"),
     **{
         f"{number.name} to the program": (signalled(number), "100 ms")
-        for number in (
-            signal.SIGTERM,
-            signal.SIGINT,
-            signal.SIGQUIT,
-            signal.SIGUSR1,
-            signal.SIGXCPU,
-            signal.SIGKILL,
-        )
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGQUIT, signal.SIGUSR1, signal.SIGXCPU, signal.SIGKILL)
     },
     "SIGSTOP to the program": (signalled(signal.SIGSTOP), "its limit, 1 s, + 100 ms"),
     "SIGKILL to the watchdog process": (kill_watchdog, "100 ms"),

@@ -28,13 +28,7 @@ def sample(measured_m, *, sigma_m=0.01, row="clean", method="stadimeter", true_m
     from samples import Sample
 
     return Sample(
-        row=row,
-        method=method,
-        seed=1,
-        apparent_px=40.0,
-        true_m=true_m,
-        measured_m=measured_m,
-        sigma_m=sigma_m,
+        row=row, method=method, seed=1, apparent_px=40.0, true_m=true_m, measured_m=measured_m, sigma_m=sigma_m
     )
 
 

@@ -80,10 +80,7 @@ def test_a_device_that_is_not_ours_says_which_group_opens_it(
 
 @pytest.mark.parametrize(
     ("in_use", "words"),
-    [
-        (True, r"another program is using it: .+ \(process \d+\)"),
-        (False, "does not answer as a camera"),
-    ],
+    [(True, r"another program is using it: .+ \(process \d+\)"), (False, "does not answer as a camera")],
 )
 def test_a_device_that_does_not_open_says_why(
     clock: ManualClock, monkeypatch: pytest.MonkeyPatch, in_use: bool, words: str

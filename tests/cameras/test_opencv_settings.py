@@ -18,13 +18,7 @@ from pydantic import ValidationError
 from stadimeter.app.capture import CaptureThread, FreezeDetector
 from stadimeter.cameras import v4l2
 from stadimeter.cameras.live_camera import LiveCamera
-from stadimeter.cameras.opencv_device import (
-    FFMPEG_OPTIONS,
-    OpenCvCamera,
-    OpenCvOptions,
-    apply_settings,
-    size_differs,
-)
+from stadimeter.cameras.opencv_device import FFMPEG_OPTIONS, OpenCvCamera, OpenCvOptions, apply_settings, size_differs
 from stadimeter.cameras.picamera2_camera import Picamera2Camera, Picamera2Options
 from stadimeter.cameras.protocol import CameraMode
 from stadimeter.cameras.v4l2 import attached_devices

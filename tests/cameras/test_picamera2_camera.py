@@ -166,16 +166,8 @@ def test_mode_crop_and_turning_are_asked_for_and_a_camera_that_does_not_turn_say
         ({"exposure": "20 ms"}, {"ExposureTime": 9000}, "an exposure of 20 ms, the camera takes 9 ms"),
         ({"gain": 40}, {"AnalogueGain": 16.0}, "a gain of 40, the camera takes 16"),
         ({"colour_gains": [2, 1]}, {"ColourGains": (2.0, 1.5)}, "colour gains of 2, 1, the camera takes 2, 1.5"),
-        (
-            {"lens_position_dpt": 4},
-            {"LensPosition": 1.0},
-            "a lens at 4 dioptres, it stands at 1",
-        ),
-        (
-            {"crop_px": [0, 0, 9, 9]},
-            {"ScalerCrop": (0, 0, 128, 128)},
-            "9, 9], the camera takes [0, 0, 128, 128]",
-        ),
+        ({"lens_position_dpt": 4}, {"LensPosition": 1.0}, "a lens at 4 dioptres, it stands at 1"),
+        ({"crop_px": [0, 0, 9, 9]}, {"ScalerCrop": (0, 0, 128, 128)}, "9, 9], the camera takes [0, 0, 128, 128]"),
         ({"sensor_width_px": 4000, "sensor_height_px": 2200}, {}, "the nearest that it has is 4608 × 2592"),
     ],
 )

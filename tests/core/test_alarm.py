@@ -3,15 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.core.alarms.machine import (
-    ACTIVE,
-    LATCHED,
-    TO_ACKNOWLEDGE,
-    AlarmRecord,
-    AlarmState,
-    Trigger,
-    fire,
-)
+from stadimeter.core.alarms.machine import ACTIVE, LATCHED, TO_ACKNOWLEDGE, AlarmRecord, AlarmState, Trigger, fire
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decision import RuleStatus, Severity

@@ -12,13 +12,7 @@ from stadimeter.core.detection import Points
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import ShowsEdges
 from stadimeter.detectors.sampling import light_table
-from stadimeter.detectors.sheet.edges import (
-    SUPPORTED,
-    OutlineSides,
-    SheetPicture,
-    measure_cut_off,
-    refine_corners,
-)
+from stadimeter.detectors.sheet.edges import SUPPORTED, OutlineSides, SheetPicture, measure_cut_off, refine_corners
 from stadimeter.detectors.sheet.evidence import find_quadrilaterals
 from stadimeter.testing.rig import ManualClock
 from support.detector_rigs import CAMERA, LEFT, SCENES, WALL, build

@@ -10,13 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from paho.mqtt import publish
 
-from stadimeter.core.home_assistant import (
-    Announcement,
-    Component,
-    DiscoveryPlace,
-    announce,
-    announced_platforms,
-)
+from stadimeter.core.home_assistant import Announcement, Component, DiscoveryPlace, announce, announced_platforms
 from stadimeter.core.message import Message
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.testing.rig import eventually

@@ -9,13 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.errors import CalibrationError
-from stadimeter.perception.mounting import (
-    MountingJudge,
-    ViewMotion,
-    fit_view_motion,
-    keep_still,
-    look_at,
-)
+from stadimeter.perception.mounting import MountingJudge, ViewMotion, fit_view_motion, keep_still, look_at
 from support.watched_room import FOCAL_PX, LENS, LIGHT_AGAIN_AT, Pose, WatchedRoom
 
 NOON, NIGHT, DARK = 720, 1400, 120
@@ -58,12 +52,7 @@ def test_the_fit_finds_an_exact_motion_among_a_third_of_wrong_matches() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "pose"),
-    [
-        ("moved", Pose(pan_deg=0.2)),
-        ("zoomed", Pose(zoom=-0.01)),
-        ("refocused", Pose(blur_px=2.0)),
-    ],
+    ("kind", "pose"), [("moved", Pose(pan_deg=0.2)), ("zoomed", Pose(zoom=-0.01)), ("refocused", Pose(blur_px=2.0))]
 )
 def test_what_was_done_to_the_camera_is_found_with_the_second_check_and_not_before(room, saved, kind, pose) -> None:
     judge = MountingJudge([saved])

@@ -106,11 +106,7 @@ def test_the_stated_deviation_is_that_of_drawn_cameras(seen_ball: SeenBall, came
     for _ in range(400):
         fx, fy, cx, cy = rng.multivariate_normal(np.zeros(9), uncertainty.covariance())[:4]
         off = replace(
-            camera,
-            fx_px=camera.fx_px + fx,
-            fy_px=camera.fy_px + fy,
-            cx_px=camera.cx_px + cx,
-            cy_px=camera.cy_px + cy,
+            camera, fx_px=camera.fx_px + fx, fy_px=camera.fy_px + fy, cx_px=camera.cx_px + cx, cy_px=camera.cy_px + cy
         )
         height_m, tilt = HEIGHT_M + 0.005 * rng.standard_normal(), TILT_RAD + math.radians(0.1) * rng.standard_normal()
         drawn = stood(found, off, replace(FOOTING, height_m=height_m, tilt_rad=tilt)).distance_m

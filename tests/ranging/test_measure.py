@@ -18,14 +18,7 @@ from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.flat import SheetShape, TagShape, UprightShape
-from stadimeter.ranging.measure import (
-    SeenTarget,
-    direction_sigmas_rad,
-    measure,
-    separation,
-    sigma_parts,
-    size_at,
-)
+from stadimeter.ranging.measure import SeenTarget, direction_sigmas_rad, measure, separation, sigma_parts, size_at
 from stadimeter.ranging.plane_pose import rectangle
 from stadimeter.ranging.similar_triangles import distance_m, expect, farthest_m
 from support.corners import detection_of_corners

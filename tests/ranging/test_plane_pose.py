@@ -80,10 +80,7 @@ def test_the_doubt_is_the_difference_in_distance_weighted_with_the_other_poses_p
 
 
 @given(
-    z=st.floats(0.4, 3.0),
-    tilt=st.floats(0, 1.1),
-    towards=st.floats(0, 2 * math.pi),
-    roll=st.floats(-math.pi, math.pi),
+    z=st.floats(0.4, 3.0), tilt=st.floats(0, 1.1), towards=st.floats(0, 2 * math.pi), roll=st.floats(-math.pi, math.pi)
 )
 def test_a_picture_of_the_rectangle_fits_it_and_one_of_another_does_not(z, tilt, towards, roll) -> None:
     pose = Pose(position_m=(0.1 * z, -0.1 * z, z), tilt_rad=tilt, tilt_towards_rad=towards, roll_rad=roll)

@@ -92,12 +92,7 @@ TURNED = Pose(position_m=(0.13, -0.08, 1.1), tilt_rad=0.9, tilt_towards_rad=0.4,
 @pytest.mark.parametrize("camera", [SQUARE, OBLONG], ids=["square pixels", "oblong pixels"])
 @pytest.mark.parametrize(
     "place",
-    [
-        ((0.0, 0.0, 1.0), 0.2),
-        ((0.013, -0.027, 3.0), 0.2),
-        ((0.6, 0.25, 1.6), 0.2),
-        ((-0.31, 0.1, 1.0), 0.3),
-    ],
+    [((0.0, 0.0, 1.0), 0.2), ((0.013, -0.027, 3.0), 0.2), ((0.6, 0.25, 1.6), 0.2), ((-0.31, 0.1, 1.0), 0.3)],
     ids=["on the axis", "far", "in a corner", "wide off"],
 )
 def test_the_limb_of_a_ball_is_where_the_exact_cone_has_it(camera, place) -> None:

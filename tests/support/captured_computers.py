@@ -154,9 +154,7 @@ PI_5 = replace(
         "Debian GNU/Linux 13 (trixie)",
         "reboot=w coherent_pool=1M 8250.nr_uarts=1 pci=pcie_bus_safe console=ttyAMA10,115200 console=tty1"
         " root=PARTUUID=a02f18e8-02 rootfstype=ext4 fsck.repair=yes rootwait\n",
-        **{
-            PLACES["video0"]: "rp1-cfe-csi2_ch0\n",
-        },
+        **{PLACES["video0"]: "rp1-cfe-csi2_ch0\n"},
     ),
     links={"/dev/serial0": "ttyAMA10"},
 )

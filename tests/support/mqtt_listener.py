@@ -111,8 +111,7 @@ class MqttListener:
             AssertionError: They did not come in time.
         """
         self._wait(
-            lambda: [heard.payload for heard in self._heard if heard.topic == topic] == payloads,
-            f"{topic} {payloads}",
+            lambda: [heard.payload for heard in self._heard if heard.topic == topic] == payloads, f"{topic} {payloads}"
         )
 
     def _wait(self, condition: Callable[[], bool], wanted: str) -> None:

@@ -93,10 +93,7 @@ def served_page(
     for right, word in zip(("operate", "read"), words, strict=False):
         PasswordFile(file).set(right, word)
     options = PageOptions(
-        configuration=folder / "page.toml",
-        passwords=file,
-        socket=socket or folder / "no-run.sock",
-        allowed_hosts=hosts,
+        configuration=folder / "page.toml", passwords=file, socket=socket or folder / "no-run.sock", allowed_hosts=hosts
     )
     listener = listen("127.0.0.1", 0, file)
     page = Page(options, listener.getsockname()[:2])

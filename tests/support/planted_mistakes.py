@@ -142,7 +142,7 @@ MESSENGER = {
 NOTIFIER = {
     "tells-its-address": Mistake(
         TOLD, {"trouble": lambda it: (words := it.trouble()) and f"https://user:secret@example.com: {words}"}
-    ),
+    )
 }
 
 

@@ -441,11 +441,7 @@ def test_what_it_asks_of_the_kernel_is_what_the_kernels_header_says(kernel: Kern
     subprocess.run(["gcc", "-o", tmp_path / "header", tmp_path / "header.c"], check=True)
     said = subprocess.check_output([tmp_path / "header"], text=True).split()
     sizes = [gpio.CHIP_INFO.size, gpio.LINE_INFO.size, gpio.LINE_REQUEST.size]
-    assert said[:7] == [
-        *map(str, sizes),
-        *map(str, (gpio.GET_CHIP_INFO, gpio.GET_LINE_INFO, gpio.GET_LINE)),
-        "64",
-    ]
+    assert said[:7] == [*map(str, sizes), *map(str, (gpio.GET_CHIP_INFO, gpio.GET_LINE_INFO, gpio.GET_LINE)), "64"]
     assert gpio.drive_pins({18: True}, [], folder=str(tmp_path)) == gpio.KERNEL
     (request,) = kernel.requests
     assert request[:256].hex() + bytes(32).hex() + request[288:].hex() == said[7]

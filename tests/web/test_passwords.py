@@ -10,15 +10,7 @@ import sys
 import pytest
 
 from stadimeter.errors import PageError
-from stadimeter.web.passwords import (
-    ADDRESSES_MAX,
-    FORGOTTEN_S,
-    FREE,
-    MAX_WAIT_S,
-    SCRYPT,
-    Attempts,
-    PasswordFile,
-)
+from stadimeter.web.passwords import ADDRESSES_MAX, FORGOTTEN_S, FREE, MAX_WAIT_S, SCRYPT, Attempts, PasswordFile
 from stadimeter.web.routes import Right
 from support.page import OPERATE, READ, quicken
 

@@ -456,11 +456,7 @@ class StallWatch:
     """
 
     def __init__(
-        self,
-        outputs: Sequence[LeasedOutput],
-        clock: Clock,
-        real_clock: Clock | None = None,
-        guard: Guard | None = None,
+        self, outputs: Sequence[LeasedOutput], clock: Clock, real_clock: Clock | None = None, guard: Guard | None = None
     ) -> None:
         self._outputs = outputs
         self._guard = guard or Guard(outputs, clock)

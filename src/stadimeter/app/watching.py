@@ -32,14 +32,7 @@ from stadimeter.app.control.socket_server import Answer
 from stadimeter.app.live.health import Board
 from stadimeter.app.live.history import RunHistory, Seen, newer
 from stadimeter.app.live.pictures import Pictures, drawn
-from stadimeter.app.live.snapshot import (
-    LiveFeed,
-    RunSnapshot,
-    events_data,
-    frame_data,
-    samples_data,
-    shared_data,
-)
+from stadimeter.app.live.snapshot import LiveFeed, RunSnapshot, events_data, frame_data, samples_data, shared_data
 from stadimeter.app.service import is_service
 from stadimeter.config.files import sha256_of
 from stadimeter.config.findings import did_you_mean_or_list

@@ -203,10 +203,7 @@ class RoboclawOptions(SerialBaseOptions):
     def codec(self) -> RoboclawCodec:
         """Return a new codec of the protocol."""
         return RoboclawCodec(
-            address=self.address,
-            steps=self._steps(),
-            has_encoders=self.full_speed is None,
-            timeout_s=self.auto_stop,
+            address=self.address, steps=self._steps(), has_encoders=self.full_speed is None, timeout_s=self.auto_stop
         )
 
     def stops_by_itself_after_s(self) -> float:

@@ -278,10 +278,7 @@ FAR_OFF_AXIS_RAD = math.radians(10)
 
 @calibrate.command("distance")
 @takes_options(
-    at=Option(
-        "DISTANCE",
-        "With --live: where to put the target, such as --at 1m --at 3m; else 1 m, then 3 m.",
-    )
+    at=Option("DISTANCE", "With --live: where to put the target, such as --at 1m --at 3m; else 1 m, then 3 m.")
 )
 def distance(
     *,
@@ -343,9 +340,7 @@ def distance(
 
 
 def _from_pictures(
-    pictures: Sequence[str],
-    wanted: WantedTargets,
-    distance_relative_sigma: float,
+    pictures: Sequence[str], wanted: WantedTargets, distance_relative_sigma: float
 ) -> tuple[Calibration, bool]:
     """Calibrate; return the calibration, and whether it comes from all pictures."""
     usable = _look_at(pictures, wanted, None)
@@ -401,10 +396,7 @@ def _live_distances(live: str, at: Sequence[str], wanted: WantedTargets, distanc
     try:
         with live_camera(live) as source:
             session = LiveDistance(
-                source,
-                wanted.choices[0],
-                date=today(),
-                distance_relative_sigma=distance_relative_sigma,
+                source, wanted.choices[0], date=today(), distance_relative_sigma=distance_relative_sigma
             )
             typer.echo(f"Measure with a tape, from the lens to {session.measured_to}.")
             typer.echo("Keep it in the middle of the picture, and the camera still.")

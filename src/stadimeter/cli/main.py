@@ -56,9 +56,7 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "web": "Serve a page on which a browser sees, sets up and operates a run.",
         "fleet": "Show every device at a broker, and one list of standing alarms.",
     },
-    "Help": {
-        "help": "Print the help of a command, or the list of commands: with --all every one.",
-    },
+    "Help": {"help": "Print the help of a command, or the list of commands: with --all every one."},
 }
 FIRST = frozenset(PANELS["Start here"])
 

@@ -23,12 +23,10 @@ from stadimeter.errors import ConfigError, ControlError, DriverError, Problem, U
 from stadimeter.operator_actions import OperatorAction
 
 ConfigOption = Annotated[
-    Path | None,
-    typer.Option("--config", metavar="CONFIG", help="The configuration of the instance, if several run."),
+    Path | None, typer.Option("--config", metavar="CONFIG", help="The configuration of the instance, if several run.")
 ]
 SocketOption = Annotated[
-    Path | None,
-    typer.Option("--socket", metavar="PATH", help="The socket of the instance; by default it is found."),
+    Path | None, typer.Option("--socket", metavar="PATH", help="The socket of the instance; by default it is found.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 ByOption = Annotated[
@@ -58,8 +56,7 @@ Names a rule of the configuration, or says `--all`. It is recorded who gave the 
 def alarm(
     action: Annotated[str, typer.Argument(metavar="ACTION", autocompletion=completing(ALARM_ACTIONS))],
     rule: Annotated[
-        str | None,
-        typer.Argument(metavar="RULE", help="Its name in the configuration.", autocompletion=complete_rule),
+        str | None, typer.Argument(metavar="RULE", help="Its name in the configuration.", autocompletion=complete_rule)
     ] = None,
     value: Annotated[str, typer.Argument(metavar="VALUE", help='A threshold with its unit, such as "60 cm".')] = "",
     every: Annotated[bool, typer.Option("--all", help="Every rule that it applies to, instead of RULE.")] = False,
@@ -390,11 +387,7 @@ def _commands_lines(commands: Mapping[str, Any] | None) -> Iterator[str]:
 
 
 def ask_instance(
-    op: str,
-    args: Mapping[str, object],
-    config: Path | None,
-    socket: Path | None,
-    wait_s: float = ANSWER_WAIT_S,
+    op: str, args: Mapping[str, object], config: Path | None, socket: Path | None, wait_s: float = ANSWER_WAIT_S
 ) -> Any:
     """Ask the running instance: that at a socket, or with a configuration, or the only one."""
     return ask(_place(config, socket), op, args, wait_s)

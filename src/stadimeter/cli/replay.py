@@ -19,14 +19,7 @@ from stadimeter.config.files import sha256_of
 from stadimeter.core.decision import Decision, Event
 from stadimeter.core.observation import Observation
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay import (
-    AnyRecording,
-    Replayed,
-    ReplayRun,
-    journal_record,
-    read_recording,
-    replay_run,
-)
+from stadimeter.workbench.replay import AnyRecording, Replayed, ReplayRun, journal_record, read_recording, replay_run
 from stadimeter.workbench.trial import EventChange, RuleChange, RuleFigures, Trial, TrialDiff, compare
 
 

@@ -31,11 +31,7 @@ Seconds = Annotated[float | None, typer.Option("--seconds", min=0.0, metavar="S"
 Frames = Annotated[int | None, typer.Option("--frames", min=1, metavar="N", help="End after this many frames.")]
 Speed = Annotated[
     float,
-    typer.Option(
-        "--speed",
-        min=0.0,
-        help="How fast recordings and simulations run: 1 is real time, 0 has no brake.",
-    ),
+    typer.Option("--speed", min=0.0, help="How fast recordings and simulations run: 1 is real time, 0 has no brake."),
 ]
 Unit = Annotated[Literal["m", "cm", "ft", "in"], typer.Option("--unit", help="The unit to show distances in.")]
 JournalFile = Annotated[
@@ -56,8 +52,7 @@ ImageRate = Annotated[
     typer.Option("--image-rate", min=0.01, metavar="HZ", help="Upper limit of recorded pictures a second."),
 ]
 ImageQuality = Annotated[
-    int,
-    typer.Option("--image-quality", min=1, max=100, metavar="PERCENT", help="Quality of JPEGs; 95 measures best."),
+    int, typer.Option("--image-quality", min=1, max=100, metavar="PERCENT", help="Quality of JPEGs; 95 measures best.")
 ]
 
 

@@ -83,16 +83,9 @@ _OPTIONS = {
     ),
     "--tag": Option("SIDE", "Look for a tag whose black square has this side, such as 8cm."),
     "--family": Option(
-        "FAMILY",
-        "The tag's family: 36h11, an AprilTag, unless you say another one, such as 4x4-50 (ArUco).",
-        "family",
+        "FAMILY", "The tag's family: 36h11, an AprilTag, unless you say another one, such as 4x4-50 (ArUco).", "family"
     ),
-    "--id": Option(
-        "N",
-        "Which tag of the family; without it, the largest one in the picture.",
-        "id",
-        int | None,
-    ),
+    "--id": Option("N", "Which tag of the family; without it, the largest one in the picture.", "id", int | None),
     "--disc": Option("DIAMETER", "Look for a flat disc of this size, such as 12cm."),
     "--min-side": Option(
         "PIXELS",

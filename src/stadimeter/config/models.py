@@ -258,7 +258,7 @@ class WebTable(Section):
     """The page on which a browser sees, sets up and operates the run."""
 
     written_elsewhere: ClassVar[dict[str, str]] = {
-        "password": "`stadimeter web CONFIG --set-password`: the configuration holds no password",
+        "password": "`stadimeter web CONFIG --set-password`: the configuration holds no password"
     }
 
     port: Annotated[int, Field(ge=1, le=65535)] = 8080

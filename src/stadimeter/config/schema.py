@@ -38,10 +38,7 @@ _IN_UNITS = re.compile(
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 _NAME = {"pattern": "^[A-Za-z0-9_-]+$"}
-_TABLES: dict[str, type[BaseModel]] = {
-    **OPTIONAL_TABLES,
-    "landmarks": LandmarksTable,
-}
+_TABLES: dict[str, type[BaseModel]] = {**OPTIONAL_TABLES, "landmarks": LandmarksTable}
 _SECTIONS = {
     "camera": "The camera: its driver and its lens.",
     "second_camera": "A second camera beside the first one, for distances without a size.",

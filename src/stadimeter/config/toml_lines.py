@@ -25,12 +25,7 @@ _BLANK = re.compile(r"[ \t]*")
 _BLANK_AND_COMMENTS = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
 _SCALAR = re.compile(r"[^,\]}\n#]*")
 # The four kinds of strings; dots in them stand for line feeds too.
-STRINGS = (
-    r'"""(?:[^"\\]|\\.|"(?!""))*"{3,5}',
-    r"'''(?:[^']|'(?!''))*'{3,5}",
-    r'"(?:[^"\\\n]|\\.)*"',
-    r"'[^'\n]*'",
-)
+STRINGS = (r'"""(?:[^"\\]|\\.|"(?!""))*"{3,5}', r"'''(?:[^']|'(?!''))*'{3,5}", r'"(?:[^"\\\n]|\\.)*"', r"'[^'\n]*'")
 _STRING = re.compile("|".join(STRINGS), re.DOTALL)
 _WHERE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 

@@ -126,10 +126,7 @@ def _bent(x: Numbers, y: Numbers, coefficients: Coefficients) -> tuple[Numbers, 
     s = x * x + y * y
     radial = 1 + s * (k1 + s * (k2 + s * k3))
     twice_xy = 2 * x * y
-    return (
-        x * radial + p1 * twice_xy + p2 * (s + 2 * x * x),
-        y * radial + p1 * (s + 2 * y * y) + p2 * twice_xy,
-    )
+    return (x * radial + p1 * twice_xy + p2 * (s + 2 * x * x), y * radial + p1 * (s + 2 * y * y) + p2 * twice_xy)
 
 
 def slopes_by_coefficient(x: Points, y: Points) -> Points:

@@ -85,11 +85,7 @@ def with_holds(wanted: Wanted, holds: tuple[Hold, ...], rules: Sequence[AnyRule]
 
 
 def _obey(
-    command: HoldCommand,
-    held: dict[str, Hold],
-    outputs: Sequence[Output],
-    forbidden: Mapping[str, str],
-    now_s: float,
+    command: HoldCommand, held: dict[str, Hold], outputs: Sequence[Output], forbidden: Mapping[str, str], now_s: float
 ) -> OperatorAnswer:
     """Hold an output, or let go of it; return the answer."""
     name = command.output

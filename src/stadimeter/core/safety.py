@@ -292,12 +292,7 @@ def while_disarmed(state: SafetyState, disarmed: str) -> SafetyState:
 
 
 def step_arming(
-    disarmed: str,
-    cause: str,
-    commands: Sequence[AnyCommand],
-    safety: SafetyState,
-    settings: Safety,
-    now_s: float,
+    disarmed: str, cause: str, commands: Sequence[AnyCommand], safety: SafetyState, settings: Safety, now_s: float
 ) -> tuple[str, tuple[OperatorAnswer, ...], tuple[Event, ...]]:
     """Return by what the run is disarmed by now, the answers to those who arm or disarm it, and what happened.
 

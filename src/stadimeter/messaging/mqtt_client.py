@@ -22,12 +22,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 from pydantic import AfterValidator, Field, model_validator
 
-from stadimeter.config.files import (
-    CERTIFICATES_MAX_BYTES,
-    SECRET_MAX_BYTES,
-    read_untrusted,
-    read_untrusted_text,
-)
+from stadimeter.config.files import CERTIFICATES_MAX_BYTES, SECRET_MAX_BYTES, read_untrusted, read_untrusted_text
 from stadimeter.config.plugins import DriverOptions
 from stadimeter.config.units import FilePath
 from stadimeter.core.home_assistant import DiscoveryPlace
@@ -297,11 +292,7 @@ def _set_session(client: Client, options: MqttSettings, packet_max: int, *, is_v
         will = _properties(PacketTypes.WILLMESSAGE, WillDelayInterval=WILL_DELAY_S)
     client.will_set(f"{options.base}/{OFFLINE.topic}", OFFLINE.payload, OFFLINE.qos, OFFLINE.retain, will)
     client.connect_async(
-        options.host,
-        options.broker_port,
-        keepalive=KEEPALIVE_S,
-        clean_start=False,
-        properties=session,
+        options.host, options.broker_port, keepalive=KEEPALIVE_S, clean_start=False, properties=session
     )
 
 

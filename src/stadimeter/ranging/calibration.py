@@ -178,10 +178,7 @@ class Calibration(Struct, frozen=True, kw_only=True):
 
 
 def calibrate(
-    known: Sequence[KnownDistance],
-    *,
-    date: str,
-    distance_relative_sigma: float = DISTANCE_RELATIVE_SIGMA,
+    known: Sequence[KnownDistance], *, date: str, distance_relative_sigma: float = DISTANCE_RELATIVE_SIGMA
 ) -> Calibration:
     """Make a camera model: square pixels, and the optical axis through the middle of the picture.
 

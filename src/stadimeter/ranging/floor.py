@@ -220,11 +220,7 @@ def through_other_lenses(rays: Points, camera: CameraModel) -> Iterator[tuple[Po
 
 
 def _joined(
-    by_size: Measurement,
-    distance_m: float,
-    nearer: float,
-    causes: list[_Cause],
-    variances: tuple[float, float, float],
+    by_size: Measurement, distance_m: float, nearer: float, causes: list[_Cause], variances: tuple[float, float, float]
 ) -> Measurement:
     """Return the best of both; of a size that is not known, with an infinite σ, that by the floor."""
     of_size, of_floor, common = variances

@@ -333,11 +333,7 @@ def _furnish(picture: Plane, along_m: Floats, height_m: Plane, rng: np.random.Ge
 
 
 def _lay_floor(
-    picture: Plane,
-    compass: tuple[Floats, Floats],
-    down: Floats,
-    camera_height_m: float,
-    is_floor: NDArray[np.bool_],
+    picture: Plane, compass: tuple[Floats, Floats], down: Floats, camera_height_m: float, is_floor: NDArray[np.bool_]
 ) -> None:
     """Lay tiles where the floor shows; far away, where they are finer than pixels, they fade into their mean."""
     first = int(np.argmax(is_floor.any(axis=1)))

@@ -426,10 +426,7 @@ class World:
         pose = self.robot.pose_at(self.now_s)
         along_floor_m = math.sqrt(max(0.0, distance_m**2 - (self.camera_height_m - self.ball.height_m) ** 2))
         heading_rad = pose.heading_rad - bearing_rad
-        return (
-            pose.x_m + along_floor_m * math.cos(heading_rad),
-            pose.y_m + along_floor_m * math.sin(heading_rad),
-        )
+        return (pose.x_m + along_floor_m * math.cos(heading_rad), pose.y_m + along_floor_m * math.sin(heading_rad))
 
     def target_in_camera(self, time_s: float | None = None, aside_m: float = 0.0) -> tuple[float, float, float]:
         """Return where the ball's centre truly is as the camera on the robot sees it, hidden or not, now or at a time.

@@ -421,11 +421,7 @@ async def _start_run(configuration: Path, said: Any) -> Process:
     command = [*python("stadimeter"), "run", str(configuration), "--end-with-input"]
     try:
         return await asyncio.create_subprocess_exec(
-            *command,
-            stdin=PIPE,
-            stdout=DEVNULL,
-            stderr=said,
-            start_new_session=True,
+            *command, stdin=PIPE, stdout=DEVNULL, stderr=said, start_new_session=True
         )
     except (OSError, subprocess.SubprocessError) as error:
         raise PageError(503, "not-started", f"the run cannot be started: {error}") from error

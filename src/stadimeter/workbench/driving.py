@@ -83,10 +83,7 @@ class Wheels:
         while (now_s := self._clock.now_s()) < until_s:
             # The track width is 1 m for these commands, so the rate of turn is the difference of both.
             command = TwistCommand(
-                output=self._output.name,
-                linear_mps=(left + right) / 2,
-                angular_radps=right - left,
-                captured_at_s=now_s,
+                output=self._output.name, linear_mps=(left + right) / 2, angular_radps=right - left, captured_at_s=now_s
             )
             if self._output.apply(command) is None:
                 raise DriverError(self._output.fault or "the base was stopped")

@@ -157,10 +157,7 @@ def _subjects(test: RuleTest, plan: Plan) -> Iterator[_RuleSubject | _OutputSubj
 
 
 def _unmet_at(
-    changes: Sequence[tuple[float, Any]],
-    last_s: float,
-    moment: float | SpanTable,
-    is_met: Callable[[Any], bool],
+    changes: Sequence[tuple[float, Any]], last_s: float, moment: float | SpanTable, is_met: Callable[[Any], bool]
 ) -> tuple[float, Any] | None:
     """Return when, at a moment or throughout a span, what was so first was not what is expected; None if never.
 

@@ -15,13 +15,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from support.scenes import draw
-from support.scenes.backdrop import (
-    Backdrop,
-    ClutterBackdrop,
-    FloorBackdrop,
-    Ground,
-    PlainBackdrop,
-)
+from support.scenes.backdrop import Backdrop, ClutterBackdrop, FloorBackdrop, Ground, PlainBackdrop
 from support.scenes.cut_sheet import CutSheetTarget, GroupTarget, HandCut
 from support.scenes.hard_balls import GROUNDS, hard_sensor, picked_range
 from support.scenes.plane import PAPER_BGR, DiscTarget, Pose
@@ -171,13 +165,7 @@ def hard_tape(
     behind = backdrop_of(rng, kind, bgr)
     scene = _taken(rng, seed, target, behind)
     return HardFlat(
-        scene=scene,
-        backdrop=kind,
-        cut_m=cut_m,
-        width_m=TAPE_M[0],
-        height_m=TAPE_M[1],
-        twins=int(has_twin),
-        bgr=bgr,
+        scene=scene, backdrop=kind, cut_m=cut_m, width_m=TAPE_M[0], height_m=TAPE_M[1], twins=int(has_twin), bgr=bgr
     )
 
 

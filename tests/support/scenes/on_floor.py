@@ -77,10 +77,7 @@ def _place(rng: np.random.Generator, distance_m: float, below_m: float) -> NDArr
 def _said(rng: np.random.Generator, scene: Scene, height_m: float, level: Matrix) -> OnFloorScene:
     share = FOCAL_SHARE * float(rng.standard_normal())
     camera = replace(
-        CAMERA,
-        fx_px=CAMERA.fx_px * (1 + share),
-        fy_px=CAMERA.fy_px * (1 + share),
-        focal_relative_sigma=FOCAL_SHARE,
+        CAMERA, fx_px=CAMERA.fx_px * (1 + share), fy_px=CAMERA.fy_px * (1 + share), focal_relative_sigma=FOCAL_SHARE
     )
     footing = Footing(
         height_m=HEIGHT_M, height_sigma_m=HEIGHT_SIGMA_M, tilt_rad=TILT_RAD, tilt_sigma_rad=TILT_SIGMA_RAD

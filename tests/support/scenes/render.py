@@ -102,11 +102,7 @@ def _lens(scene: Scene, target: Target) -> Lens:
     """Return the lens, with the row of the target's centre as the one that a rolling shutter leaves in its place."""
     still = Lens(camera=scene.camera)
     row = float(still.project(np.array([target.position_m]))[0, 1])
-    return Lens(
-        camera=scene.camera,
-        skew_px=scene.rolling_shutter_px,
-        reference_row_px=row,
-    )
+    return Lens(camera=scene.camera, skew_px=scene.rolling_shutter_px, reference_row_px=row)
 
 
 def _truth(target: Target, scene: Scene, lens: Lens) -> Truth:

@@ -186,11 +186,7 @@ class RecordingOnRequest:
 
     def _opened(self, answer: Answer) -> _Begun:
         from stadimeter.app.recordings.recorder import Recorder  # noqa: PLC0415 - it takes long, and few runs record
-        from stadimeter.app.recordings.recording import (  # noqa: PLC0415
-            RecordingWriter,
-            require_mcap,
-            what_is_recorded,
-        )
+        from stadimeter.app.recordings.recording import RecordingWriter, require_mcap, what_is_recorded  # noqa: PLC0415
 
         require_mcap("recording to an MCAP file")
         self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -136,13 +136,7 @@ _ITEM: Any = Message | Notification  # mypy takes a union for no type
 
 # What SQLite says when nothing is wrong with the file, but with the disk or with us.
 _UNWRITABLE = frozenset(
-    {
-        sqlite3.SQLITE_CANTOPEN,
-        sqlite3.SQLITE_READONLY,
-        sqlite3.SQLITE_FULL,
-        sqlite3.SQLITE_PERM,
-        sqlite3.SQLITE_IOERR,
-    }
+    {sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_FULL, sqlite3.SQLITE_PERM, sqlite3.SQLITE_IOERR}
 )
 
 # As SQLite keeps them, to the letter: a flipped one may change what a column takes, or how long a query runs.

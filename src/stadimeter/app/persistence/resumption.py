@@ -67,11 +67,7 @@ def clock_name(*, is_live: bool, boot_id: Path = BOOT_ID) -> str:
 
 
 def moment(
-    clock: str,
-    at_s: float,
-    *,
-    unix_s: Callable[[], float] = time.time,
-    is_right: Callable[[], bool] = is_synchronised,
+    clock: str, at_s: float, *, unix_s: Callable[[], float] = time.time, is_right: Callable[[], bool] = is_synchronised
 ) -> ClockReading:
     """Return this moment, by the name of the run's clock."""
     return ClockReading(clock=clock, at_s=at_s, unix_s=unix_s(), is_synchronised=is_right())

@@ -8,15 +8,7 @@ from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypedDict
 
 from msgspec.structs import replace
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Discriminator,
-    Field,
-    Tag,
-    ValidationInfo,
-    model_validator,
-)
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, ValidationInfo, model_validator
 
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.models import DurationAboveZero, Section, Share

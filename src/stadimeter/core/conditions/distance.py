@@ -8,10 +8,7 @@ from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_LENGTH_M, MIN_QUANTITY
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs, back_words
-from stadimeter.core.conditions.limits import (
-    LimitsCondition,
-    turning_point,
-)
+from stadimeter.core.conditions.limits import LimitsCondition, turning_point
 from stadimeter.core.conditions.quantities import DistanceKind, Uncertain, probability_below, quantity_of
 from stadimeter.core.words import metres
 

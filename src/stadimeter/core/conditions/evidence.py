@@ -57,12 +57,7 @@ class Evidence(Struct, frozen=True, kw_only=True):
 
 
 def describe_verdict(
-    condition: Condition,
-    inputs: RuleInputs,
-    held: tuple[bool, ...],
-    *,
-    is_active: bool,
-    with_probability: bool = False,
+    condition: Condition, inputs: RuleInputs, held: tuple[bool, ...], *, is_active: bool, with_probability: bool = False
 ) -> str:
     """Return the figures behind what `judge` returns for the same arguments.
 

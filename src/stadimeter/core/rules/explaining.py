@@ -139,11 +139,7 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
         clauses = [f"{step.trace.status.value}: {reasons[name]}", *quiet, *does, *are_set]
     clauses += _about_target(inputs, rule, with_remark=with_probability)
     return Explanation(
-        rule=name,
-        at_s=inputs.now_s,
-        status=step.trace.status,
-        sentence="; ".join(clauses),
-        evidence=found,
+        rule=name, at_s=inputs.now_s, status=step.trace.status, sentence="; ".join(clauses), evidence=found
     )
 
 

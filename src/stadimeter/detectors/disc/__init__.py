@@ -283,10 +283,7 @@ class DiscDetector:
         fits = RejectedCandidate(centre_px=(x, y), size_px=size_px, reason="fits, but others may as well")
         others = list_rejected(judged, disc, lens)
         return Detection(
-            target=self._name,
-            status=DetectionStatus.NOT_FOUND,
-            reason=why,
-            rejected=(fits, *others)[:MAX_REJECTED],
+            target=self._name, status=DetectionStatus.NOT_FOUND, reason=why, rejected=(fits, *others)[:MAX_REJECTED]
         )
 
     def _report_not_found(self, judged: Judged, lens: Lens) -> Detection:

@@ -626,10 +626,7 @@ def find_trouble(edges: EllipseEdges, min_px: float, light: Light) -> Trouble | 
     weakest = levels_out(edges, light) * edges.weakest / max(abs(edges.contrast), 1e-9)
     scatter_px, bend_px = max_scatter_px(edges), BEND_PX + BEND_SHARE * larger
     tests = (
-        (
-            edges.support >= MIN_SUPPORT,
-            f"has an edge on {edges.support:.0%} of its outline, limit {MIN_SUPPORT:.0%}",
-        ),
+        (edges.support >= MIN_SUPPORT, f"has an edge on {edges.support:.0%} of its outline, limit {MIN_SUPPORT:.0%}"),
         (
             edges.scatter_px <= scatter_px,
             f"is no ellipse: its edge scatters by {edges.scatter_px:.2f} px, limit {scatter_px:.2f} px",
@@ -638,10 +635,7 @@ def find_trouble(edges: EllipseEdges, min_px: float, light: Light) -> Trouble | 
             edges.bend_px <= bend_px,
             f"is no ellipse: its outline differs from one by {edges.bend_px:.2f} px, limit {bend_px:.2f} px",
         ),
-        (
-            edges.widest_gap <= MAX_GAP,
-            f"lacks {edges.widest_gap:.0%} of its outline in one piece, limit {MAX_GAP:.0%}",
-        ),
+        (edges.widest_gap <= MAX_GAP, f"lacks {edges.widest_gap:.0%} of its outline in one piece, limit {MAX_GAP:.0%}"),
         (smaller >= flattest * larger, f"is {smaller / larger:.2f} times as high as wide, limit {flattest:.2f}"),
         (weakest >= MIN_CONTRAST, f"stands out by {weakest:.0f} levels, limit {MIN_CONTRAST:.0f}"),
         (
@@ -652,10 +646,7 @@ def find_trouble(edges: EllipseEdges, min_px: float, light: Light) -> Trouble | 
             edges.unevenness <= MAX_UNEVENNESS,
             f"is unevenly bright: by {edges.unevenness:.0%} of its contrast, limit {MAX_UNEVENNESS:.0%}",
         ),
-        (
-            smaller >= MIN_HEIGHT * min_px,
-            f"is too thin: {smaller:.1f} px, limit {MIN_HEIGHT * min_px:.1f} px",
-        ),
+        (smaller >= MIN_HEIGHT * min_px, f"is too thin: {smaller:.1f} px, limit {MIN_HEIGHT * min_px:.1f} px"),
         (larger >= min_px, f"is too small: {larger:.1f} px, limit {min_px:g} px"),
     )
     return next((Trouble(number, text) for number, (passed, text) in enumerate(tests) if not passed), None)

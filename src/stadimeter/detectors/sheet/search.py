@@ -17,13 +17,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Flags, Points, Prediction, Values
 from stadimeter.core.frame import Image
 from stadimeter.detectors.hsv import HsvRange, Mask
-from stadimeter.detectors.sampling import (
-    Region,
-    corners_on_border,
-    reduced,
-    sides_on_border,
-    to_full_scale,
-)
+from stadimeter.detectors.sampling import Region, corners_on_border, reduced, sides_on_border, to_full_scale
 from stadimeter.detectors.sheet.candidates import (
     MIN_CONTRAST,
     MIN_CUT_SUPPORT,

@@ -23,9 +23,7 @@ from stadimeter.core.camera_model import TONE_CURVES, CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
 from stadimeter.core.drawing import Drawing, black_cells
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.protocol import (
-    check_image,
-)
+from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.sampling import grey_of, light_table, touches_border
 from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, width_and_height
 from stadimeter.detectors.tag.search import (

@@ -72,11 +72,7 @@ def draw_findings(frame: Frame, seen: Detection, measured: Measurement | None) -
     headline = seen.target
     if measured is not None and measured.distance_m is not None:
         headline = f"{headline}: {metres(measured.distance_m, measured.sigma_m or 0.0)}"
-    mark = Mark(
-        detection=seen,
-        has_corners=len(seen.outline_px) == 4,
-        headline=headline,
-    )
+    mark = Mark(detection=seen, has_corners=len(seen.outline_px) == 4, headline=headline)
     return annotate(frame.image, [mark])
 
 
