@@ -7,9 +7,8 @@ from pathlib import Path
 
 from live_view_svg import save_svg
 
-from stadimeter.cli.fleet import FleetScreen
+from stadimeter.cli.fleet import Fleet, FleetScreen
 from stadimeter.messaging.protocol import Received
-from stadimeter.workbench.fleet import Fleet
 
 NOW_S = 1000.0
 _NOON = "2026-06-01T12:00:03"  # in the time zone of whoever looks, so that it is the same picture everywhere

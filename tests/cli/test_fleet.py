@@ -20,10 +20,9 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 from rich.console import Console
 
 from stadimeter.cli import fleet
-from stadimeter.cli.fleet import FleetScreen
+from stadimeter.cli.fleet import STALE_S, Fleet, FleetScreen
 from stadimeter.messaging.protocol import Received
 from stadimeter.testing.rig import eventually
-from stadimeter.workbench.fleet import STALE_S, Fleet
 from support.broker import HOST, MosquittoBroker, free_port
 from support.command_line import Typed, typed
 from support.simulated_run import SIMULATED_BALL

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from stadimeter.cli import models as model_fetch
 from stadimeter.cli.main import app
-from stadimeter.workbench import model_fetch
-from stadimeter.workbench.model_fetch import PackagedModel
+from stadimeter.cli.models import PackagedModel
 from support.networks import write_network
 
 

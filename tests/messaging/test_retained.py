@@ -103,22 +103,6 @@ def test_what_others_keep_there_is_left_alone(broker, make_messenger, listen):
     assert set(others) <= kept(witness).keys()
 
 
-@pytest.mark.parametrize("protocol", ["3.1.1", "auto"])
-def test_a_kept_message_that_is_too_large_costs_one_connection_at_most(protocol, broker, make_messenger, listen):
-    writer = make_messenger(broker.port, node="writer", base_topic=BASE)
-    writer.open()
-    writer.publish(Message(topic="rule/gone/state", payload="x" * 500_000, qos=1, retain=True))
-    eventually(lambda: not writer.undelivered() and not writer.trouble())
-    messenger = make_messenger(broker.port, protocol=protocol)
-    messenger.retain_only(topics("near"))
-    messenger.open()
-    witness = listen(broker.port)
-    messenger.publish(state("near"))
-    messenger.publish(Message(topic="event/alarm", payload="raised", qos=1))
-    witness.wait_for(f"{BASE}/event/alarm", "raised")
-    eventually(lambda: not messenger.trouble() and not messenger.undelivered())
-
-
 def test_a_login_that_may_write_only_publishes_as_before(broker, start_broker, make_messenger, listen):
     strict = start_broker(acl=f"topic write {BASE}/#\n")
     messenger = ran(make_messenger(strict.port), "near")

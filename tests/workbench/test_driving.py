@@ -11,18 +11,10 @@ import pytest
 from gpiozero.pins.mock import MockFactory, MockPWMPin
 
 from stadimeter.bases import gpio_motors
+from stadimeter.cli.drive import DUTIES, WIRING, Turned, base_with_wheels, open_wheels, wiring_of, with_base_options
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.errors import ConfigError, DriverError
 from stadimeter.testing.rig import ManualClock
-from stadimeter.workbench.driving import (
-    DUTIES,
-    WIRING,
-    Turned,
-    base_with_wheels,
-    open_wheels,
-    wiring_of,
-    with_base_options,
-)
 from support.command_line import Typed, typed
 
 TEXT = """

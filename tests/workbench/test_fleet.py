@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.app.messages import Reporter
+from stadimeter.cli import fleet as devices
+from stadimeter.cli.fleet import STALE_S, Fleet, fleet_record, troubles
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Decision, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.measurement import Track, TrackStatus
 from stadimeter.core.message import EXPIRES_S
 from stadimeter.core.rule import AlarmRule
 from stadimeter.messaging.protocol import Received
-from stadimeter.workbench import fleet as devices
-from stadimeter.workbench.fleet import STALE_S, Fleet, fleet_record, troubles
 
 NOON = "2026-06-01T12:00:00.000+00:00"
 

@@ -26,7 +26,6 @@ from stadimeter.messaging.mqtt_client import (
     ONLINE,
     LinkEvents,
     MqttSettings,
-    OversizedPacketError,
     Secrets,
     make_client,
     publish_properties,
@@ -94,11 +93,11 @@ class RetainedTopics:
         is_forgotten, self._is_forgotten = self._is_forgotten, False
         return is_forgotten
 
-    def begin_over(self, client: Client, events: LinkEvents) -> None:
+    def begin_over(self, client: Client) -> None:
         """Begin anew over a connection."""
         self._connections += 1
         self._are_states_due = self._connections > 1
-        if self._options.home_assistant and not events.oversized_packets:
+        if self._options.home_assistant:
             client.subscribe(self._birth_topic, qos=0)
 
     def end(self) -> None:
@@ -114,11 +113,6 @@ class RetainedTopics:
                 self._finish(client)
             return
         if self._is_read or self._topics is None:
-            return
-        if events.oversized_packets:  # one of them may be among what is kept
-            with self._lock:
-                self._is_read = True
-                self._send(announce(self._announcement, {}, self._device_topic))
             return
         self.is_reading = True
         _, self._subscription = client.subscribe([(each, 0) for each in self._filters()])
@@ -167,9 +161,6 @@ def serve(loop: Callable[[float], MQTTErrorCode], events: LinkEvents, wait_s: fl
     """Let paho read and write by a loop of its client; return whether the connection still stands."""
     try:
         return loop(wait_s) == MQTTErrorCode.MQTT_ERR_SUCCESS
-    except OversizedPacketError:
-        events.note_oversized_packet()
-        return False
     except (LookupError, TypeError, ValueError, struct.error, MQTTException):  # from paho 2.1, and not caught there
         events.note_nonsense()
         return False
@@ -294,7 +285,7 @@ class BrokerLink:
             return
         if not self.queue.is_connected:
             self._hand_over(ONLINE)
-            self.retained.begin_over(self._client, self._events)
+            self.retained.begin_over(self._client)
             if self.requests is not None:
                 self.requests.begin_over(self._events, is_v5=self._version == V5)
             self.queue.connect()
@@ -529,9 +520,6 @@ class SendQueue:
 # A longer message is no request.
 REQUEST_MAX_BYTES = 4096
 
-# With MQTT 3.1.1 a broker hears of no limit, and a kept message may come again with each subscription.
-OVERSIZED_MAX = 3
-
 # MQTT allows any number below 2**28. One that an earlier run has used would revive what was sent to that.
 _IDENTIFIERS = (1, 2**28 - 1)
 
@@ -563,12 +551,7 @@ class RequestTopics:
         """Begin anew over a connection, unless its broker is none to be listened to."""
         self.identifier = random.randint(*_IDENTIFIERS) if is_v5 else None  # noqa: S311 - it is no secret
         self._is_asked, self._refused, self._trouble = False, {}, ""
-        if events.oversized_packets >= OVERSIZED_MAX:
-            self._trouble = (
-                f"{self._options.place} sent {OVERSIZED_MAX} messages that are too large, so commands are not heard "
-                "until this program is started anew; clear kept messages on its topics of requests"
-            )
-        elif is_v5 and not events.has_identifiers:
+        if is_v5 and not events.has_identifiers:
             self._trouble = (
                 f"{self._options.place} cannot mark old messages (no subscription identifiers), so commands are not "
                 "heard; set protocol to '3.1.1'"

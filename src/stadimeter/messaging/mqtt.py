@@ -16,7 +16,6 @@ from stadimeter.errors import ConfigError, DeviceClosedError, DeviceOpenError
 from stadimeter.messaging.broker_link import V5, V311, BrokerLink, RequestTopics, serve
 from stadimeter.messaging.mqtt_client import (
     LinkEvents,
-    ListeningClient,
     MqttSettings,
     make_client,
     publish_properties,
@@ -223,7 +222,7 @@ class MqttSubscription:
 
     def _connect(self) -> None:
         self._events.begin()
-        client = make_client(self._options, self._secrets, self._version, self._patience.answer_s, ListeningClient)
+        client = make_client(self._options, self._secrets, self._version, self._patience.answer_s)
         client.will_clear()
         self._events.listen_to(client)
         client.on_message, client.on_subscribe = self._on_message, self._on_subscribe

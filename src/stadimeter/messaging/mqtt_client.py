@@ -160,49 +160,14 @@ class MqttSettings(DriverOptions):
 SESSION_EXPIRY_S = 3600
 WILL_DELAY_S = 5
 
-# We subscribe to what the broker keeps of this node and to requests, so all that it has to say is short. No larger
-# packet is read: there is room for the announcement of some fifty rules, and for requests that are somewhat too large.
-#
-# MQTT allows 256 MiB. A broker of MQTT 5 hears of this bound; for one that does not heed it, and with 3.1.1, `_Client`
-# sees to it. It also bounds messages of QoS 2 that are never completed: we ask for none.
+# All that a broker has to say to us is short. One of MQTT 5 hears of this bound, and sends nothing longer.
 PACKET_MAX = 256 * 1024
-INCOMPLETE_MAX = 64
 
 # A response that waited for longer in a broker is of no use to whoever asked.
 RESPONSE_EXPIRES_S = 30
 
-# No message of stadimeter is as long. Of a longer one, a program that listens keeps the beginning, which is no JSON.
-LISTENING_PACKET_MAX = 16_384
-
 ONLINE = Message(topic=AVAILABILITY.path, payload="online", qos=1, retain=True)
 OFFLINE = Message(topic=AVAILABILITY.path, payload="offline", qos=1, retain=True)
-
-
-class OversizedPacketError(Exception):
-    """The other side announces a packet that is larger than anything it has to say."""
-
-
-class _Client(Client):
-    """Refuses a packet by its length, before there is memory for it: paho asks for the rest of one in one piece."""
-
-    packet_max = PACKET_MAX
-
-    def _sock_recv(self, bufsize: int) -> bytes:
-        if bufsize > self.packet_max or len(self._in_messages) > INCOMPLETE_MAX:
-            raise OversizedPacketError(bufsize)
-        return super()._sock_recv(bufsize)
-
-
-class ListeningClient(Client):
-    """Reads of a packet that is too long only the beginning."""
-
-    packet_max = LISTENING_PACKET_MAX
-
-    def _sock_recv(self, bufsize: int) -> bytes:
-        if bufsize > self.packet_max:
-            del self._in_packet["packet"][self.packet_max :]
-            bufsize = self.packet_max
-        return super()._sock_recv(bufsize)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -219,16 +184,10 @@ class Secrets:
     client_suffix: str = field(default="", repr=False)
 
 
-def make_client(
-    options: MqttSettings,
-    secrets: Secrets,
-    version: MQTTProtocolVersion,
-    answer_s: float,
-    kind: type[_Client | ListeningClient] = _Client,
-) -> Client:
+def make_client(options: MqttSettings, secrets: Secrets, version: MQTTProtocolVersion, answer_s: float) -> Client:
     """Make a client that is ready to connect. It has no thread, and tries nothing by itself."""
     is_v5 = version == MQTTProtocolVersion.MQTTv5
-    client = kind(
+    client = Client(
         CallbackAPIVersion.VERSION2,
         client_id=f"{options.client_id}{secrets.client_suffix}",
         # A session of 3.1.1 never ends. We subscribe anew each time, so there is nothing to keep in it.
@@ -242,7 +201,7 @@ def make_client(
         client.username_pw_set(options.username, secrets.password)
     if secrets.tls is not None:
         client.tls_set_context(secrets.tls)
-    _set_session(client, options, client.packet_max, is_v5=is_v5)
+    _set_session(client, options, is_v5=is_v5)
     return client
 
 
@@ -285,10 +244,10 @@ def _response_properties(content_type: str, correlation: bytes | None) -> Proper
     return _properties(PacketTypes.PUBLISH, MessageExpiryInterval=RESPONSE_EXPIRES_S, ContentType=content_type, **more)
 
 
-def _set_session(client: Client, options: MqttSettings, packet_max: int, *, is_v5: bool) -> None:
+def _set_session(client: Client, options: MqttSettings, *, is_v5: bool) -> None:
     session, will = None, None
     if is_v5:
-        session = _properties(PacketTypes.CONNECT, SessionExpiryInterval=SESSION_EXPIRY_S, MaximumPacketSize=packet_max)
+        session = _properties(PacketTypes.CONNECT, SessionExpiryInterval=SESSION_EXPIRY_S, MaximumPacketSize=PACKET_MAX)
         will = _properties(PacketTypes.WILLMESSAGE, WillDelayInterval=WILL_DELAY_S)
     client.will_set(f"{options.base}/{OFFLINE.topic}", OFFLINE.payload, OFFLINE.qos, OFFLINE.retain, will)
     client.connect_async(
@@ -399,7 +358,6 @@ class LinkEvents:
         ending: Why the newest attempt to connect failed, or the connection ended, in words.
         suspects_version: Whether the broker seems not to speak the version of MQTT that was tried.
         was_taken_over: Whether another program with our client id took our place.
-        oversized_packets: How often the other side announced more than a broker has to say to us.
         refusal: Why the broker would not take a message over this connection, in words.
         subscribed_at_s: When the broker answered our subscriptions, by the number of each.
         packet_max: The largest packet that the broker takes; None if it does not say.
@@ -416,7 +374,6 @@ class LinkEvents:
         self._done: deque[tuple[int, bool]] = deque()
         self._short_lives = 0
         self._was_ever_accepted = False
-        self.oversized_packets = 0
         self.refusal = ""
         self.begin()
 
@@ -458,14 +415,6 @@ class LinkEvents:
         """Note that the broker took the connection and then said nothing."""
         self.ending = describe_silence(self._options, had_answered=False)
         self.suspects_version = not self._was_ever_accepted
-
-    def note_oversized_packet(self) -> None:
-        """Note that the other side announced more than a broker has to say to us."""
-        self.oversized_packets += 1
-        if not self.is_accepted:
-            self.note_nonsense()
-        else:
-            self.ending = f"{self._options.place} sent a message that is too large to be an answer to this program"
 
     def note_nonsense(self) -> None:
         """Note that the other side sent what is not MQTT."""
