@@ -10,8 +10,7 @@ from gallery import JPEG_QUALITY
 
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.ball import BallOptions
-from stadimeter.detectors.ball.several import SeveralBalls
+from stadimeter.detectors.ball import BallOptions, SeveralBalls
 from support.crossing_balls import Follower, appearances, picture_of
 
 GREEN, YELLOW = (60, 170, 40), (0, 200, 255)

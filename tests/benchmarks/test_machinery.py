@@ -7,7 +7,6 @@ import json
 import pytest
 
 from stadimeter.config.loader import load_configuration
-from support.command_line import typed
 
 # The benchmark of the machinery runs, and measures what it says.
 
@@ -73,11 +72,3 @@ def test_every_kept_ratio_is_measured_and_more_than_nothing(gate):
     ratios = gate.measure(rounds=1)
     assert set(ratios) == set(json.loads(gate.KEPT.read_text()))
     assert all(ratio > 0.1 for ratio in ratios.values())
-
-
-def test_the_command_that_is_gone_says_what_to_do() -> None:
-    done = typed("bench")
-    assert done.returncode == 2
-    assert "there is no command 'bench' any more: `stadimeter doctor` says how fast this board is" in " ".join(
-        done.stderr.split()
-    )

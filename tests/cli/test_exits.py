@@ -218,15 +218,6 @@ def test_an_address_is_covered_and_the_rest_of_its_line_is_not(tmp_path: Path) -
     assert line.index("url_file") == underline.index("^")
 
 
-def test_of_a_line_that_fills_the_screen_only_what_matters_is_shown(tmp_path: Path) -> None:
-    text = f'a = "{"x" * 100_000}"\nb = {{ c = "{"y" * 1000}", here = 1, d = "{"z" * 1000}" }}\n'
-    assert len(shown(tmp_path, text, "a", 1)) < 1000
-    said = shown(tmp_path, text, "b.here", 2).replace("\n", "")
-    assert "…" in said
-    assert "here = 1" in said
-    assert "^" in said
-
-
 # Without CONFIG, a command takes the configuration that is in this folder, and says so.
 
 COMMANDS = (("check",), ("test",), ("run", "--frames", "2", "--speed", "0"))

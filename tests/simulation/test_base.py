@@ -15,7 +15,7 @@ from stadimeter.config.plugins import ACTUATORS, BASES, MESSENGERS, DriverContex
 from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.core.message import Message
 from stadimeter.errors import ConfigError
-from stadimeter.simulation.base import SimulatedBaseOptions
+from stadimeter.simulation.devices import SimulatedBaseOptions
 from stadimeter.simulation.emulated_base import EmulatedPort
 from stadimeter.simulation.firmware import EmulatedRosArduinoOptions, RosArduinoFirmware
 from stadimeter.testing.rig import ManualClock

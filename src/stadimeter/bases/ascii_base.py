@@ -27,16 +27,8 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from stadimeter.bases import serial_base
 from stadimeter.bases.protocol import DifferentialDrive, Motion, WheelSpeeds
-from stadimeter.bases.serial_base import (
-    Answers,
-    BaseMessage,
-    DutyBaseOptions,
-    LineReader,
-    SerialCodec,
-    TextLine,
-    WheelCommand,
-)
 from stadimeter.config.plugins import OptionsTable
 from stadimeter.config.units import Duration
 
@@ -156,7 +148,7 @@ class AsciiAnswers(OptionsTable):
         return self
 
 
-class AsciiBaseOptions(DutyBaseOptions):
+class AsciiBaseOptions(serial_base.DutyBaseOptions):
     """The table of such a base in the configuration."""
 
     title: ClassVar = "a base of your own, with lines of text as its protocol"
@@ -196,7 +188,7 @@ class AsciiBaseOptions(DutyBaseOptions):
         return self.auto_stop or math.inf
 
 
-class AsciiCodec(SerialCodec):
+class AsciiCodec(serial_base.SerialCodec):
     """The protocol that the configuration describes."""
 
     name: ClassVar = "the protocol in the configuration"
@@ -208,7 +200,7 @@ class AsciiCodec(SerialCodec):
         self._drive = DifferentialDrive(track_width_m=options.track_width, max_wheel_mps=math.inf)
         self._units_per_mps = options.full_units / options.full_speed
         self._template = LineTemplate(options.drive)
-        self._lines = LineReader(_MAX_LINE_BYTES)
+        self._lines = serial_base.LineReader(_MAX_LINE_BYTES)
         self._answers = options.answers or AsciiAnswers(done="(?!)")
         self.answers = _answers_mode(options)  # type: ignore[misc] # one class for three kinds of base
         self.ends_cut_frame = options.stop[-1].encode()
@@ -221,7 +213,7 @@ class AsciiCodec(SerialCodec):
         """The frame that makes the base stand."""
         return self._options.stop.encode()
 
-    def encode(self, wheels: WheelSpeeds) -> WheelCommand:
+    def encode(self, wheels: WheelSpeeds) -> serial_base.WheelCommand:
         """Return the command for wheel speeds, and the speeds that are written, as they are rounded."""
         motion = self._drive.motion(wheels)
         values = {
@@ -237,34 +229,36 @@ class AsciiCodec(SerialCodec):
         else:
             angular_radps = said["angular"] / self._options.angular_units
             sent = self._drive.wheels(Motion(linear_mps=speeds["linear"], angular_radps=angular_radps))
-        return WheelCommand(frame=frame, sent=sent)
+        return serial_base.WheelCommand(frame=frame, sent=sent)
 
-    def feed(self, data: bytes) -> list[BaseMessage]:
+    def feed(self, data: bytes) -> list[serial_base.BaseMessage]:
         """Return the meaning of the lines that are complete now, oldest first."""
         return [message for line in self._lines.feed(data) if (message := self._meaning(line))]
 
-    def _meaning(self, line: TextLine) -> BaseMessage | None:
+    def _meaning(self, line: serial_base.TextLine) -> serial_base.BaseMessage | None:
         """Return the meaning of a line. Numbers behind noise are not trusted: it may have eaten a digit."""
         answers = self._answers
         message = None
         if _fits(answers.done, line.text):
-            message = BaseMessage(was_done=True, is_identity=answers.identity is None)
+            message = serial_base.BaseMessage(was_done=True, is_identity=answers.identity is None)
         elif _fits(answers.refused, line.text):
-            message = BaseMessage(was_done=False)
+            message = serial_base.BaseMessage(was_done=False)
         elif _fits(answers.identity, line.text):
-            message = BaseMessage(is_identity=True)
+            message = serial_base.BaseMessage(is_identity=True)
         elif not line.noise and (volts := _numbers(answers.battery, line.text)):
-            message = BaseMessage(battery_v=volts[0] * answers.battery_unit)
+            message = serial_base.BaseMessage(battery_v=volts[0] * answers.battery_unit)
         elif not line.noise and (ticks := _numbers(answers.travel, line.text)):
-            message = BaseMessage(left_m=ticks[0] * answers.travel_unit, right_m=ticks[1] * answers.travel_unit)
+            message = serial_base.BaseMessage(
+                left_m=ticks[0] * answers.travel_unit, right_m=ticks[1] * answers.travel_unit
+            )
         self.dropped_bytes += line.noise + (len(line.text) if message is None else 0)
         return message
 
 
-def _answers_mode(options: AsciiBaseOptions) -> Answers:
+def _answers_mode(options: AsciiBaseOptions) -> serial_base.Answers:
     if options.answers is None:
-        return Answers.NEVER
-    return Answers.EACH_COMMAND if options.answers.done is not None else Answers.STREAM
+        return serial_base.Answers.NEVER
+    return serial_base.Answers.EACH_COMMAND if options.answers.done is not None else serial_base.Answers.STREAM
 
 
 def _fits(pattern: str | None, text: str) -> bool:

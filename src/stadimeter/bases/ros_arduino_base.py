@@ -21,17 +21,8 @@ from typing import ClassVar, Self
 from msgspec.structs import replace
 from pydantic import Field, PositiveInt, model_validator
 
+from stadimeter.bases import serial_base
 from stadimeter.bases.protocol import DifferentialDrive, SpeedSteps, WheelSpeeds
-from stadimeter.bases.serial_base import (
-    Answers,
-    BaseMessage,
-    Baud,
-    LineReader,
-    SerialBaseOptions,
-    SerialCodec,
-    TextLine,
-    WheelCommand,
-)
 from stadimeter.config.units import Duration, Length
 from stadimeter.errors import CommandRangeError
 
@@ -49,16 +40,16 @@ MAX_TICKS_PER_FRAME = 32767
 
 _MAX_LINE_BYTES = 64
 _NUMBERS = re.compile(r"(-?\d{1,11})(?: (-?\d{1,11}))?")
-_WORDS = {"OK": BaseMessage(was_done=True), "Invalid Command": BaseMessage(was_done=False)}
+_WORDS = {"OK": serial_base.BaseMessage(was_done=True), "Invalid Command": serial_base.BaseMessage(was_done=False)}
 
 
-class RosArduinoOptions(SerialBaseOptions):
+class RosArduinoOptions(serial_base.SerialBaseOptions):
     """The table of such a base in the configuration."""
 
     title: ClassVar = "an Arduino with the ros_arduino_bridge sketch"
     auto_stop_advice: ClassVar = 'set AUTO_STOP_INTERVAL in its sketch to 500, load it, and write auto_stop = "500 ms"'
 
-    baud: Baud = 57600
+    baud: serial_base.Baud = 57600
     """``BAUDRATE`` of the sketch."""
     wheel_diameter: Length = Field(examples=["6.5 cm"])
     """Diameter of the driven wheels."""
@@ -91,7 +82,7 @@ class RosArduinoOptions(SerialBaseOptions):
         return self.auto_stop or math.inf
 
 
-class RosArduinoCodec(SerialCodec):
+class RosArduinoCodec(serial_base.SerialCodec):
     """The protocol of ros_arduino_bridge.
 
     Words are recognised even right behind noise. Numbers are not, because the noise may have eaten a digit.
@@ -101,7 +92,7 @@ class RosArduinoCodec(SerialCodec):
     """
 
     name: ClassVar = "ros_arduino_bridge"
-    answers: ClassVar = Answers.EACH_COMMAND
+    answers: ClassVar = serial_base.Answers.EACH_COMMAND
     hint: ClassVar = "check that its sketch is loaded, that the baud rate is the sketch's"
     refusal_hint: ClassVar = (
         "its sketch was built without the base controller: enable '#define USE_BASE' in ROSArduinoBridge.ino, choose "
@@ -115,14 +106,14 @@ class RosArduinoCodec(SerialCodec):
     def __init__(self, ticks_per_metre: float) -> None:
         self._ticks_per_metre = ticks_per_metre
         self.steps = SpeedSteps(step_mps=1.0 / (ticks_per_metre * FRAME_S))
-        self._lines = LineReader(_MAX_LINE_BYTES)
+        self._lines = serial_base.LineReader(_MAX_LINE_BYTES)
 
     @property
     def stop(self) -> bytes:
         """The frame that makes the base stand."""
         return STOP
 
-    def encode(self, wheels: WheelSpeeds) -> WheelCommand:
+    def encode(self, wheels: WheelSpeeds) -> serial_base.WheelCommand:
         """Return the command for wheel speeds, rounded to whole ticks per frame.
 
         Raises `CommandRangeError` for a speed beyond the firmware's 16 bits.
@@ -130,19 +121,19 @@ class RosArduinoCodec(SerialCodec):
         left, right = self.steps.count(wheels)
         if max(abs(left), abs(right)) > MAX_TICKS_PER_FRAME:
             raise CommandRangeError(f"{left} and {right} ticks per frame are not both within ±{MAX_TICKS_PER_FRAME}")
-        return WheelCommand(frame=f"m {left} {right}".encode() + END, sent=self.steps.speeds(left, right))
+        return serial_base.WheelCommand(frame=f"m {left} {right}".encode() + END, sent=self.steps.speeds(left, right))
 
-    def feed(self, data: bytes) -> list[BaseMessage]:
+    def feed(self, data: bytes) -> list[serial_base.BaseMessage]:
         """Return the replies that are complete now, oldest first."""
         return [message for line in self._lines.feed(data) if (message := self._meaning(line))]
 
-    def _meaning(self, line: TextLine) -> BaseMessage | None:
+    def _meaning(self, line: serial_base.TextLine) -> serial_base.BaseMessage | None:
         message = _WORDS.get(line.text)
         numbers = None if line.noise else _NUMBERS.fullmatch(line.text)
         if numbers and numbers[2]:
             left_m, right_m = (int(ticks) / self._ticks_per_metre for ticks in numbers.groups())
-            message = BaseMessage(left_m=left_m, right_m=right_m)
+            message = serial_base.BaseMessage(left_m=left_m, right_m=right_m)
         elif numbers:  # the baud rate
-            message = BaseMessage(is_identity=True)
+            message = serial_base.BaseMessage(is_identity=True)
         self.dropped_bytes += line.noise + (len(line.text) if message is None else 0)
         return message

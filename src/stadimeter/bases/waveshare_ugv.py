@@ -22,16 +22,8 @@ import msgspec
 from msgspec import Struct
 from pydantic import AfterValidator, model_validator
 
+from stadimeter.bases import serial_base
 from stadimeter.bases.protocol import WheelSpeeds
-from stadimeter.bases.serial_base import (
-    Answers,
-    BaseMessage,
-    LineReader,
-    SerialBaseOptions,
-    SerialCodec,
-    TextLine,
-    WheelCommand,
-)
 from stadimeter.config.units import Duration
 
 MAX_WHEEL_MPS = 2.0
@@ -53,7 +45,7 @@ def _check_auto_stop(seconds: float) -> float:
     return seconds
 
 
-class WaveshareUgvOptions(SerialBaseOptions):
+class WaveshareUgvOptions(serial_base.SerialBaseOptions):
     """The table of such a base in the configuration."""
 
     title: ClassVar = "a Waveshare UGV (Rover, Beast, RaspRover)"
@@ -89,11 +81,11 @@ class _Feedback(Struct, kw_only=True):
     v: float | None = None
 
 
-class WaveshareUgvCodec(SerialCodec):
+class WaveshareUgvCodec(serial_base.SerialCodec):
     """The JSON of the driver board. It has no checksum: a line counts only if all of it is as it must be."""
 
     name: ClassVar = "the firmware of a Waveshare UGV"
-    answers: ClassVar = Answers.STREAM
+    answers: ClassVar = serial_base.Answers.STREAM
     hint: ClassVar = (
         "check that the base is switched on; on the pins of a Pi, that the serial port is on and the login console off"
     )
@@ -101,7 +93,7 @@ class WaveshareUgvCodec(SerialCodec):
     question = b'{"T":130}\n'
 
     def __init__(self, auto_stop_s: float) -> None:
-        self._lines = LineReader(_MAX_LINE_BYTES)
+        self._lines = serial_base.LineReader(_MAX_LINE_BYTES)
         self.opening = (
             f'{{"T":136,"cmd":{round(auto_stop_s * 1e3)}}}\n'.encode(),
             b'{"T":143,"cmd":0}\n',  # no echo
@@ -114,17 +106,17 @@ class WaveshareUgvCodec(SerialCodec):
         """The frame that makes the base stand."""
         return b'{"T":1,"L":0.0,"R":0.0}\n'
 
-    def encode(self, wheels: WheelSpeeds) -> WheelCommand:
+    def encode(self, wheels: WheelSpeeds) -> serial_base.WheelCommand:
         """Return the command for wheel speeds, in whole mm/s and never above `MAX_WHEEL_MPS`."""
         left_mps, right_mps = _sendable(wheels.left_mps), _sendable(wheels.right_mps)
         frame = f'{{"T":1,"L":{left_mps},"R":{right_mps}}}\n'.encode()
-        return WheelCommand(frame=frame, sent=WheelSpeeds(left_mps=left_mps, right_mps=right_mps))
+        return serial_base.WheelCommand(frame=frame, sent=WheelSpeeds(left_mps=left_mps, right_mps=right_mps))
 
-    def feed(self, data: bytes) -> list[BaseMessage]:
+    def feed(self, data: bytes) -> list[serial_base.BaseMessage]:
         """Return the reports that are complete now, oldest first."""
         return [message for line in self._lines.feed(data) if (message := self._meaning(line))]
 
-    def _meaning(self, line: TextLine) -> BaseMessage | None:
+    def _meaning(self, line: serial_base.TextLine) -> serial_base.BaseMessage | None:
         try:
             feedback = msgspec.json.decode(line.text, type=_Feedback)
         except ValueError:
@@ -138,11 +130,11 @@ def _sendable(speed_mps: float) -> float:
     return round(min(MAX_WHEEL_MPS, max(-MAX_WHEEL_MPS, speed_mps)), 3) + 0.0  # no minus zero
 
 
-def _message(feedback: _Feedback) -> BaseMessage:
+def _message(feedback: _Feedback) -> serial_base.BaseMessage:
     volts = feedback.v
     if volts is not None and volts >= _HUNDREDTHS_FROM:
         volts /= 100
-    return BaseMessage(
+    return serial_base.BaseMessage(
         is_identity=True,
         battery_v=volts,
         left_m=None if feedback.odl is None else feedback.odl / 100,

@@ -45,17 +45,8 @@ from stadimeter.ranging.calibration import Calibration, CalibrationCheck, FocalL
 from stadimeter.ranging.flat import SheetShape, TagShape
 from stadimeter.ranging.floor import CameraAboveFloor, camera_above, mean_of
 from stadimeter.ranging.size_from_motion import LearntSize, StepErrors, StepView, learn_size
+from stadimeter.workbench.calibration import live_distance
 from stadimeter.workbench.calibration.board_session import today
-from stadimeter.workbench.calibration.live_distance import (
-    APART_MIN,
-    LiveDistance,
-    SizeSession,
-    Take,
-    fit_distances,
-    look_at_distance,
-    parse_move,
-    remedy_words,
-)
 from stadimeter.workbench.measuring import open_picture
 
 # The command ``calibrate size``: how large a thing is, from how it grows while the camera moves by known steps --------
@@ -118,7 +109,7 @@ def size(
         wanted = targets_from_options(_with_assumed_size(target))
         errors = StepErrors(scale_share=step_error / 100, turn_rad=math.radians(turn_error))
         camera_model = load_camera_model(camera)
-        session = SizeSession(wanted.choices[0], camera_model)
+        session = live_distance.SizeSession(wanted.choices[0], camera_model)
         views, all_found = _step_views(pictures, session)
         learnt = learn_size(views, camera_model, errors)
         written = " ".join(text.rpartition("@")[2] for text in pictures[1:])
@@ -140,10 +131,10 @@ def _with_assumed_size(given: GivenTarget) -> GivenTarget:
     return {**given, **{flag: ASSUMED for flag, word in words.items() if word in UNKNOWN_SIZE}}
 
 
-def _step_views(pictures: Sequence[str], session: SizeSession) -> tuple[list[StepView], bool]:
+def _step_views(pictures: Sequence[str], session: live_distance.SizeSession) -> tuple[list[StepView], bool]:
     """Return the views of the target in picture files, and whether it was found in all of them."""
     moved = "how far the camera has moved since the first picture"
-    taken = split_pictures(pictures, parse_move, moved, "20cm", (0.0, 0.0, 0.0))
+    taken = split_pictures(pictures, live_distance.parse_move, moved, "20cm", (0.0, 0.0, 0.0))
     views = []
     for path, moved_m in taken:
         found, view = session.look(str(path), open_picture(path), moved_m)
@@ -159,7 +150,9 @@ def _step_views(pictures: Sequence[str], session: SizeSession) -> tuple[list[Ste
     return views, len(views) == len(taken)
 
 
-def _size_lines(learnt: LearntSize, session: SizeSession, given: GivenTarget, unit: LengthUnit) -> Iterator[str]:
+def _size_lines(
+    learnt: LearntSize, session: live_distance.SizeSession, given: GivenTarget, unit: LengthUnit
+) -> Iterator[str]:
     sizes_m = session.sizes_m(learnt)
     tolerance_m = sizes_m.pop("tolerance")
     for key, size_m in sizes_m.items():
@@ -346,7 +339,7 @@ def _from_pictures(
     usable = _look_at(pictures, wanted, None)
     if not usable:
         _nothing_written("no picture can be used")
-    fit = fit_distances(
+    fit = live_distance.fit_distances(
         usable,
         lambda name: open_picture(Path(name)),
         wanted.choices,
@@ -354,7 +347,7 @@ def _from_pictures(
         distance_relative_sigma=distance_relative_sigma,
     )
     for each in fit.left_out:
-        remedy = remedy_words(each, open_picture(Path(each.picture)), wanted.choices[0])
+        remedy = live_distance.remedy_words(each, open_picture(Path(each.picture)), wanted.choices[0])
         reason = f"through the camera file it is not found: {each.detection.reason}{remedy}"
         typer.echo(f"left out: {each.picture}: {reason}", err=True)
     for each in fit.elsewhere:
@@ -369,14 +362,17 @@ def _look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camer
     """Return the pictures in which the target is found; say on standard error which cannot be used, and why."""
     taken = split_pictures(pictures, parse_known_length, "how far away the target is", "24in")
     (target,) = build_detectors(wanted.choices, camera_model)
-    known = [look_at_distance(str(path), open_picture(path), depth_m, target, camera_model) for path, depth_m in taken]
+    known = [
+        live_distance.look_at_distance(str(path), open_picture(path), depth_m, target, camera_model)
+        for path, depth_m in taken
+    ]
     for each in known:
         if each.detection.is_whole and not each.is_usable:
             x_px, y_px = each.detection.centre_px
             perhaps = f"at {x_px:.0f}, {y_px:.0f} px is perhaps the target: {each.detection.reason}"
             typer.echo(f"left out: {each.picture}: {perhaps}", err=True)
         elif not each.is_usable:
-            remedy = remedy_words(each, open_picture(Path(each.picture)), wanted.choices[0], camera_model)
+            remedy = live_distance.remedy_words(each, open_picture(Path(each.picture)), wanted.choices[0], camera_model)
             typer.echo(f"left out: {each.picture}: {each.detection.reason}{remedy}", err=True)
         elif each.detection.reason:
             say_note(f"{each.picture}: {each.detection.reason}")
@@ -395,7 +391,7 @@ def _live_distances(live: str, at: Sequence[str], wanted: WantedTargets, distanc
         parse_known_length(text, "--at")
     try:
         with live_camera(live) as source:
-            session = LiveDistance(
+            session = live_distance.LiveDistance(
                 source, wanted.choices[0], date=today(), distance_relative_sigma=distance_relative_sigma
             )
             typer.echo(f"Measure with a tape, from the lens to {session.measured_to}.")
@@ -411,9 +407,11 @@ def _live_distances(live: str, at: Sequence[str], wanted: WantedTargets, distanc
         raise CalibrationError(f"{error}\nnothing was written") from error
 
 
-def _prove(session: LiveDistance) -> Calibration:
+def _prove(session: live_distance.LiveDistance) -> Calibration:
     if not session.is_proved:
-        raise CalibrationError(f"one distance does not prove the other: take one {APART_MIN:g} times as far at least")
+        raise CalibrationError(
+            f"one distance does not prove the other: take one {live_distance.APART_MIN:g} times as far at least"
+        )
     typer.echo("calculating …", err=True)
     return session.calibration()
 
@@ -422,16 +420,16 @@ def _nothing_written(why: str) -> NoReturn:
     give_up(f"{why}, so nothing was written")
 
 
-def _ask_for(session: LiveDistance, asked: str) -> str:
+def _ask_for(session: live_distance.LiveDistance, asked: str) -> str:
     typer.echo(f"{'Now put' if session.takes else 'Put'} it at {asked}.")
     return "Press Enter when it is there, or type the distance that it has: "
 
 
-def _take(session: LiveDistance, asked: str, answer: str) -> Take:
+def _take(session: live_distance.LiveDistance, asked: str, answer: str) -> live_distance.Take:
     return session.take(parse_known_length(answer or asked, "the distance"), name=f"at {answer or asked}")
 
 
-def _say(take: Take, unit: LengthUnit) -> None:
+def _say(take: live_distance.Take, unit: LengthUnit) -> None:
     reads = ""
     if take.reads_m is not None:
         share = take.reads_m / take.distance_m - 1

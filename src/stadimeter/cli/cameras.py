@@ -19,16 +19,8 @@ from stadimeter.cli.target_options import LiveOption, camera_choice
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import parse_duration
 from stadimeter.errors import ConfigError
+from stadimeter.workbench import frame_source
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.frame_source import (
-    NONE_FOUND,
-    OTHER_PROGRAMS,
-    CameraShot,
-    choice_of,
-    first_picture,
-    list_cameras,
-    snapshots,
-)
 
 
 def cameras(
@@ -61,7 +53,7 @@ def cameras(
     with plain_errors():
         like = camera_choice(str(config)) if config is not None else None
         seen = []
-        for number, camera in enumerate(list_cameras(), start=1):
+        for number, camera in enumerate(frame_source.list_cameras(), start=1):
             if not as_json:
                 _list(number, camera)
             seen.append(_check_camera(camera, like, is_tried=is_tried))
@@ -70,7 +62,7 @@ def cameras(
         if as_json:
             typer.echo(json.dumps([each.record() for each in seen], indent=2))
         if not seen:
-            typer.echo(f"error: {NONE_FOUND}", err=True)
+            typer.echo(f"error: {frame_source.NONE_FOUND}", err=True)
     raise typer.Exit(DONE if seen and not any(each.trouble for each in seen) else NOT_FOUND)
 
 
@@ -79,7 +71,7 @@ class _CheckedCamera(Struct, frozen=True, kw_only=True):
 
     camera: AttachedCamera
     trouble: str
-    shot: CameraShot | None = None
+    shot: frame_source.CameraShot | None = None
 
     def record(self) -> dict[str, Any]:
         """Return it as the object that ``--json`` prints."""
@@ -102,7 +94,7 @@ def _check_camera(camera: AttachedCamera, like: DriverChoice | None, *, is_tried
     if camera.trouble or not is_tried:
         return _CheckedCamera(camera=camera, trouble=camera.trouble)
     typer.echo(f"opening {camera.name} …", err=True)
-    shot = first_picture(choice_of(camera, like))
+    shot = frame_source.first_picture(frame_source.choice_of(camera, like))
     if isinstance(shot, str):
         return _CheckedCamera(camera=camera, trouble=shot)
     return _CheckedCamera(camera=camera, trouble="", shot=shot)
@@ -176,7 +168,7 @@ def snapshot(
             raise ConfigError("give a configuration, or --live for a camera, one of the two")
         choice = camera_choice(live if live is not None else str(config))
         written, is_good = 0, True
-        with closing(snapshots(choice, apart_s=read_option(parse_duration, every, "--every"))) as taken:
+        with closing(frame_source.snapshots(choice, apart_s=read_option(parse_duration, every, "--every"))) as taken:
             for number, each in enumerate(islice(taken, count), start=1):
                 path = output if count == 1 else output.with_stem(f"{output.stem}-{number}")
                 write_picture(path, each.frame.image, each.frame.optics)
@@ -184,11 +176,11 @@ def snapshot(
                 written, is_good = number, is_good and not each.faults
         if written < count:
             raise ConfigError(f"the camera came to an end after {written} of {count} pictures")
-        say_note(OTHER_PROGRAMS)
+        say_note(frame_source.OTHER_PROGRAMS)
     raise typer.Exit(DONE if is_good else NOT_FOUND)
 
 
-def _say(path: Path, taken: CameraShot, *, is_first: bool, as_json: bool) -> None:
+def _say(path: Path, taken: frame_source.CameraShot, *, is_first: bool, as_json: bool) -> None:
     size = {"width_px": taken.frame.width_px, "height_px": taken.frame.height_px}
     if as_json:
         record = {"file": str(path), **size, "settings": taken.settings, "faults": taken.faults}

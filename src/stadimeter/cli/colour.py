@@ -15,15 +15,8 @@ from stadimeter.cli.target_options import LiveOption, camera_choice
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
 from stadimeter.errors import ConfigError
+from stadimeter.workbench import colour_aids
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.colour_aids import (
-    NOTHING_STANDS_OUT,
-    ONLY_BACKGROUND,
-    colour_picture,
-    colour_sample,
-    is_where_pointed,
-    split_places,
-)
 from stadimeter.workbench.frame_source import take_frame
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.picture_metadata import picture_remarks, profile_notes
@@ -88,12 +81,12 @@ def colour(
             _print(names, samples, proposal)
         for name, sample, view in zip(names, samples, proposal.views, strict=True):
             if name in paths:
-                write_picture(paths[name], colour_picture(sample.frame.image, view, proposal.colour))
+                write_picture(paths[name], colour_aids.colour_picture(sample.frame.image, view, proposal.colour))
                 if not as_json:
                     typer.echo(f"written: {paths[name]}")
         if as_json:
             typer.echo(json.dumps(_record(names, paths, samples, proposal), ensure_ascii=False))
-        is_found = all(map(is_where_pointed, samples, proposal.views))
+        is_found = all(map(colour_aids.is_where_pointed, samples, proposal.views))
         if not is_found:
             say_note(COLOURLESS)
     raise typer.Exit(DONE if is_found else NOT_FOUND)
@@ -111,25 +104,29 @@ def _samples_from_options(
         frame = take_frame(camera_choice(live))
         for words in picture_remarks(frame.image):
             say_note(words)
-        return [Path("live.png")], [colour_sample(frame, "the camera's picture", at, "--at")]
-    split = [split_places(each) for each in pictures]
+        return [Path("live.png")], [colour_aids.colour_sample(frame, "the camera's picture", at, "--at")]
+    split = [colour_aids.split_places(each) for each in pictures]
     names = [Path(name) for name, _ in split]
     for note in profile_notes(names):
         say_note(note)
-    samples = [colour_sample(open_picture(Path(name)), name, [*places, *at], "--at") for name, places in split]
+    samples = [
+        colour_aids.colour_sample(open_picture(Path(name)), name, [*places, *at], "--at") for name, places in split
+    ]
     return names, samples
 
 
 def _nothing(samples: Sequence[ColourSample]) -> str:
     if any(sample.places_px for sample in samples):
-        return ONLY_BACKGROUND
-    return f"{NOTHING_STANDS_OUT}; point at it with --at X,Y, in pixels; {COLOURLESS}"
+        return colour_aids.ONLY_BACKGROUND
+    return f"{colour_aids.NOTHING_STANDS_OUT}; point at it with --at X,Y, in pixels; {COLOURLESS}"
 
 
 def _print(names: Sequence[Path], samples: Sequence[ColourSample], proposal: ColourProposal) -> None:
     for name, sample, view in zip(names, samples, proposal.views, strict=True):
         elsewhere = (
-            "" if is_where_pointed(sample, view) or not len(view.detection.outline_px) else ", not where you point"
+            ""
+            if colour_aids.is_where_pointed(sample, view) or not len(view.detection.outline_px)
+            else ", not where you point"
         )
         typer.echo(f"{name}: {_in_words(view)}{elsewhere}")
         for number, other in enumerate(view.others, start=1):
@@ -157,7 +154,7 @@ def _record(
                 "file": str(name),
                 "copy": str(paths[name]) if name in paths else None,
                 "status": found.status.value,
-                "is_where_pointed": is_where_pointed(sample, view),
+                "is_where_pointed": colour_aids.is_where_pointed(sample, view),
                 "centre_px": found.centre_px if is_seen else None,
                 "width_px": found.width_px if is_seen else None,
                 "reason": found.reason,

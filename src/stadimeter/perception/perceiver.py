@@ -20,16 +20,7 @@ from stadimeter.core.detection import Detection, DetectionStatus, Points, Predic
 from stadimeter.core.frame import Frame, Optics
 from stadimeter.core.measurement import Measurement, Track, TrackStatus
 from stadimeter.detectors.protocol import Detector, TracksSeveral
-from stadimeter.perception.prediction import (
-    FLOOR_PX,
-    SEARCH_EVERY_S,
-    UNSEEN_MAX_S,
-    AngularMotion,
-    Expectations,
-    follow,
-    loose_radps,
-    predict,
-)
+from stadimeter.perception import prediction
 from stadimeter.ranging.floor import stand
 from stadimeter.ranging.measure import SeenTarget, measure, unmeasured
 
@@ -168,7 +159,7 @@ class Several:
 
     def _is_due(self, at_s: float, expected: Sequence[Prediction | None]) -> bool:
         """Check whether the whole frame is to be searched; in time of capture, as for a single target."""
-        every_s = FREE_EVERY_S if None in expected else SEARCH_EVERY_S
+        every_s = FREE_EVERY_S if None in expected else prediction.SEARCH_EVERY_S
         return not 0 <= at_s - self._searched_at_s < every_s or not any(expected)
 
 
@@ -183,23 +174,23 @@ class _Slot:
         self.is_new = False  # whether it was seen, and is not tracked yet
         self.is_covered = False  # whether it overlaps with a nearer one
         self._track: Track | None = None
-        self._motion: AngularMotion | None = None
+        self._motion: prediction.AngularMotion | None = None
         self._seen: tuple[Detection, float] | None = None
 
     def expect(self, track: Track | None, shape: TargetShape, lens: CameraModel, at_s: float) -> Prediction | None:
         """Return where the member will appear; None if the slot is empty, or that is not known."""
         self.is_followed = track is not None and track.is_valid
         self.is_covered = self.is_new = False
-        motion = None if track is None else follow(self._motion, track)
+        motion = None if track is None else prediction.follow(self._motion, track)
         if motion is not None:
             self._track, self._motion = track, motion
         if self._track is not None:
             # A track that was lost behind another member goes on here: its figures are the last ones known.
             kept = replace(self._track, status=TrackStatus.COASTING)
-            expected = predict(kept, shape, lens, at_s, self._motion, is_remembered=True)
+            expected = prediction.predict(kept, shape, lens, at_s, self._motion, is_remembered=True)
             if expected is not None:
                 return expected
-        if self._seen is not None and 0 <= at_s - self._seen[1] <= UNSEEN_MAX_S:
+        if self._seen is not None and 0 <= at_s - self._seen[1] <= prediction.UNSEEN_MAX_S:
             self.is_new = True
             return _near_last(*self._seen, shape, lens, at_s)
         return None
@@ -333,7 +324,7 @@ class _Scan:
         # Along the line of sight it may have moved as far as across: as a share of the distance that is the angle.
         moved = place_px / math.sqrt(self._lens.fx_px * self._lens.fy_px)
         share = SIZE_SHARE_FLAT if self._detector.target_shape.has_corners else SIZE_SHARE
-        of_size_px = math.hypot(FLOOR_PX, size_px * share, size_px * moved)
+        of_size_px = math.hypot(prediction.FLOOR_PX, size_px * share, size_px * moved)
         off2 = (math.dist(expected.centre_px, found.centre_px) / place_px) ** 2
         off2 += ((_size_px(found) - size_px) / of_size_px) ** 2
         return off2 + 4 * math.log(place_px) + 2 * math.log(of_size_px) if off2 <= GATE2 else math.inf
@@ -342,13 +333,13 @@ class _Scan:
 def _near_last(found: Detection, seen_at_s: float, shape: TargetShape, lens: CameraModel, at_s: float) -> Prediction:
     """Return where what was seen once, and is not tracked yet, may be now."""
     focal_px, size_px = math.sqrt(lens.fx_px * lens.fy_px), _size_px(found)
-    moved_rad = loose_radps(shape.longest_m * focal_px / size_px) * (at_s - seen_at_s)
-    sigma_px = math.hypot(FLOOR_PX, SIZE_SHARE * size_px, focal_px * moved_rad)
+    moved_rad = prediction.loose_radps(shape.longest_m * focal_px / size_px) * (at_s - seen_at_s)
+    sigma_px = math.hypot(prediction.FLOOR_PX, SIZE_SHARE * size_px, focal_px * moved_rad)
     return Prediction(centre_px=found.centre_px, size_px=size_px, sigma_px=sigma_px)
 
 
 def _size_px(found: Detection) -> float:
-    return max(found.width_px, found.height_px, FLOOR_PX)
+    return max(found.width_px, found.height_px, prediction.FLOOR_PX)
 
 
 def _are_one(one: Detection, other: Detection) -> bool:
@@ -502,7 +493,7 @@ class Perceiver:
         self._optics: Optics | None = None
         self._sightings: dict[str, LastOutline] = {}
         self._kinds = _kinds_of(detectors)
-        self.expectations = Expectations()
+        self.expectations = prediction.Expectations()
         self.motion_blur = MotionBlur()
 
     def look(

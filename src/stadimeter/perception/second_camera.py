@@ -23,15 +23,7 @@ from stadimeter.core.sensor_fusion import DISAGREEMENT_SIGMAS
 from stadimeter.core.stereo_rig import StereoRig
 from stadimeter.detectors.protocol import Detector, TracksSeveral
 from stadimeter.errors import PictureError, StadimeterError
-from stadimeter.perception.prediction import (
-    FLOOR_PX,
-    FLOOR_SHARE,
-    AngularMotion,
-    bring_to_time,
-    check_useful,
-    follow,
-    loose_radps,
-)
+from stadimeter.perception import prediction
 from stadimeter.ranging.measure import SeenTarget, measure
 from stadimeter.ranging.stereo import measure_pair
 
@@ -76,7 +68,7 @@ class SecondView:
         self._rig, self._detectors = rig, detectors
         self._rotation = np.asarray(cv2.Rodrigues(np.array(rig.turn_rad))[0])
         self._scaled: tuple[object, StereoRig] = (None, rig)
-        self._motions: dict[str, AngularMotion | None] = {}
+        self._motions: dict[str, prediction.AngularMotion | None] = {}
 
     def join(self, seen: SeenTarget, track: Track | None, frame: Frame, second: Frame | None) -> Measurement:
         """Return a target as both cameras together have it, or as the first one alone; its reason says which.
@@ -87,7 +79,7 @@ class SecondView:
             second: The second camera's frame that is nearest in time; None for none.
         """
         name = seen.measurement.target
-        motion = self._motions[name] = follow(self._motions.get(name), track) if track is not None else None
+        motion = self._motions[name] = prediction.follow(self._motions.get(name), track) if track is not None else None
         if seen.measurement.position_m is None:
             return seen.measurement
         try:
@@ -98,7 +90,12 @@ class SecondView:
             return _with_remark(seen.measurement, f"without the second camera: {error}")
 
     def _measure(
-        self, seen: SeenTarget, track: Track | None, motion: AngularMotion | None, frame: Frame, second: Frame
+        self,
+        seen: SeenTarget,
+        track: Track | None,
+        motion: prediction.AngularMotion | None,
+        frame: Frame,
+        second: Frame,
     ) -> Measurement:
         rig, apart_s = self._rig_for(frame, second), second.captured_at_s - frame.captured_at_s
         where = _whereabouts(seen, track, motion, frame.captured_at_s, apart_s)
@@ -130,9 +127,11 @@ class SecondView:
             size_px = left_px * per_m * float(where.now_m[2]) / rig.left.fx_px
             # The disparity f b / Z errs by f b / Z² of what the distance errs by.
             across_px = per_m * rig.baseline_m * where.sigma_m / depth_m
-            sigma_px = math.hypot(FLOOR_PX, FLOOR_SHARE * size_px, across_px, moved_px)
+            sigma_px = math.hypot(prediction.FLOOR_PX, prediction.FLOOR_SHARE * size_px, across_px, moved_px)
             centre_px = float(there_px[0]), float(there_px[1])
-            expected = check_useful(Prediction(centre_px=centre_px, size_px=size_px, sigma_px=sigma_px), lens)
+            expected = prediction.check_useful(
+                Prediction(centre_px=centre_px, size_px=size_px, sigma_px=sigma_px), lens
+            )
             if expected is None:
                 raise PictureError("the target is out of its view, or may be anywhere in it")
         detector = self._detectors[seen.measurement.target]
@@ -153,15 +152,15 @@ class SecondView:
 
 
 def _whereabouts(
-    seen: SeenTarget, track: Track | None, motion: AngularMotion | None, at_s: float, apart_s: float
+    seen: SeenTarget, track: Track | None, motion: prediction.AngularMotion | None, at_s: float, apart_s: float
 ) -> _Whereabouts:
     measured = seen.measurement
     distance_m, sigma_m, closing_mps = measured.distance_m or ASSUMED_M, measured.sigma_m or math.inf, 0.0
-    if track is not None and (known := bring_to_time(track, at_s)) is not None:
+    if track is not None and (known := prediction.bring_to_time(track, at_s)) is not None:
         distance_m, sigma_m, closing_mps = known.distance_m, known.sigma_m, track.closing_mps or 0.0
     elif math.isinf(sigma_m):
         distance_m = ASSUMED_M
-    unsure_radps, across_radps, up_radps = loose_radps(distance_m), 0.0, 0.0
+    unsure_radps, across_radps, up_radps = prediction.loose_radps(distance_m), 0.0, 0.0
     if motion is not None and motion.step_s > 0:
         unsure_radps = motion.innovation_rad / motion.step_s
         across_radps, up_radps = motion.bearing_radps, motion.elevation_radps

@@ -15,7 +15,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from stadimeter.config.plugins import Count, DriverContext, DriverOptions, numbered
+from stadimeter.config.plugins import MAX_SEVERAL, Count, DriverContext, DriverOptions, numbered
 from stadimeter.config.units import BallDiameter, Tolerance
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
@@ -31,7 +31,7 @@ from stadimeter.detectors.ball.evidence import (
     is_as_expected,
     scene_of,
 )
-from stadimeter.detectors.ball.search import FIRST_REACH_PX, search_at, search_blobs, search_circles
+from stadimeter.detectors.ball.search import FIRST_REACH_PX, are_same, search_at, search_blobs, search_circles
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText, parse_hsv_range
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
 from stadimeter.detectors.sampling import REGION_SIGMAS, Region
@@ -92,8 +92,6 @@ class BallOptions(DriverOptions):
         """Return the detector."""
         if self.count is None:
             return BallDetector(context.name, self)
-        from stadimeter.detectors.ball.several import SeveralBalls  # noqa: PLC0415 - most look for one ball
-
         return SeveralBalls(context.name, self)
 
     @staticmethod
@@ -291,3 +289,55 @@ def _reaches(blob: Blob, place_px: tuple[float, float]) -> bool:
 def _detect_colour(frame: Frame, colour: HsvRange, around_px: tuple[float, float] | None = None) -> Detection:
     options = BallOptions.model_validate({"diameter": "1 m", "hsv": colour})  # the size changes nothing in a picture
     return BallDetector("ball", options, around_px=around_px).detect(frame)
+
+
+# Several balls of one colour: all of them in one search, and each where it is expected ----------------------
+
+
+class SeveralBalls(BallDetector):
+    """Finds every sphere of one colour, as many as there are."""
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """None: balls are all alike."""
+        return ()
+
+    def detect_all(self, frame: Frame, *, lens: CameraModel | None = None) -> tuple[Detection, ...]:
+        """Look for every ball of the colour."""
+        scene = self._scene_of(frame, lens)
+        balls = [] if self._colour is None else self._find_all(scene, self._colour)
+        scene.seen.clear()  # what is left over between balls is not worth a word
+        return tuple(self._report_found(scene, ball) for ball in balls) or (self.detect(frame, lens=lens),)
+
+    def detect_near(self, frame: Frame, prediction: Prediction, *, lens: CameraModel | None = None) -> Detection:
+        """Look for a ball where it is expected, and nowhere else."""
+        scene = self._scene_of(frame, lens)
+        found = self._find_expected(scene, prediction)
+        return self._refuse("not where it was expected", scene) if found is None else self._report_found(scene, found)
+
+    def _find_all(self, scene: BallScene, colour: HsvRange) -> list[FoundBall]:
+        """Return every ball of the colour: one in each blob, those in what these leave of the blobs, and other circles.
+
+        Balls that touch are one blob. So what was found is taken out of the mask, until nothing more is found.
+        """
+        balls: list[FoundBall] = []
+        while len(balls) < MAX_SEVERAL:
+            known = [each.limb.circle for each in balls]
+            for blob in find_blobs(scene.image, colour, self._step, without=known, most=MAX_SEVERAL):
+                here = scene._replace(seen=[])
+                search_blobs(here, [blob])
+                _add(balls, here)
+            if len(balls) == len(known):
+                break
+        around = scene._replace(seen=[])
+        search_circles(around)
+        _add(balls, around)
+        return balls[:MAX_SEVERAL]
+
+
+def _add(balls: list[FoundBall], scene: BallScene) -> None:
+    """Add the likely balls of a search that are not known yet, the best first."""
+    for ball in scene.ranked:
+        circle = ball.limb.circle
+        if ball.evidence >= LIKELY and not any(are_same(circle, each.limb.circle) for each in balls):
+            balls.append(ball)

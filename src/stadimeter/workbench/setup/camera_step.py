@@ -15,17 +15,8 @@ from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names
 from stadimeter.config.toml_source import camera_table
 from stadimeter.core.frame import Frame
 from stadimeter.errors import DriverError, PictureError, StadimeterError
+from stadimeter.workbench import frame_source
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.frame_source import (
-    BALL,
-    NONE_FOUND,
-    SETTLING_WAIT_S,
-    SimulatedRoom,
-    Source,
-    list_cameras,
-    open_source,
-    take_frame,
-)
 from stadimeter.workbench.measuring import is_video_file
 from stadimeter.workbench.picture_metadata import picture_remarks
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, SetupStep, words_of
@@ -59,7 +50,7 @@ class CameraStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """List the cameras that are there, each with a picture of it."""
-        cameras = list_cameras()
+        cameras = frame_source.list_cameras()
         pictures = _pictures_in(known.folder)
         tried = [(each, _try(known, each, number)) for number, each in enumerate(cameras, start=1)]
         options = [Option(each.choice, f"{each.name}: {words}") for each, (words, _) in tried]
@@ -67,8 +58,10 @@ class CameraStep(SetupStep):
         ready = options[0].answer if options else ""
         why_none = "No camera is found; `stadimeter cameras` says what to look at."
         if not pictures:
-            why_none = f"{NONE_FOUND[0].upper()}{NONE_FOUND[1:]}."
-        options.append(Option(SIMULATED, f"a simulated room with a ball of {BALL}, to try it without a camera"))
+            why_none = f"{frame_source.NONE_FOUND[0].upper()}{frame_source.NONE_FOUND[1:]}."
+        options.append(
+            Option(SIMULATED, f"a simulated room with a ball of {frame_source.BALL}, to try it without a camera")
+        )
         return Question(
             text="Which camera?",
             found=() if cameras else (why_none,),
@@ -126,14 +119,14 @@ def _frames(known: Known, choice: DriverChoice) -> tuple[tuple[Frame, ...], bool
     """Return pictures of a camera, and whether it is live."""
     with known.opening(choice) as source:
         if source.is_live:
-            return (source.capture.latest(SETTLING_WAIT_S),), True
+            return (source.capture.latest(frame_source.SETTLING_WAIT_S),), True
         frames = _spread_frames(source)
     if not frames:
         raise PictureError(f"the camera {choice.driver} gives no picture")
     return frames, False
 
 
-def _spread_frames(source: Source) -> tuple[Frame, ...]:
+def _spread_frames(source: frame_source.Source) -> tuple[Frame, ...]:
     """Return some frames of a recording at even distances, and hold no more than twice as many at any time."""
     kept: list[Frame] = []
     step = 1
@@ -151,7 +144,7 @@ def _try(known: Known, camera: AttachedCamera, number: int) -> tuple[str, bool]:
         return camera.trouble or camera.node, False
     name = f"{PICTURES}/camera-{number}.png"
     try:
-        frame = take_frame(known.choose(CAMERA, ("camera",), camera_table(camera.choice)), known.opening)
+        frame = frame_source.take_frame(known.choose(CAMERA, ("camera",), camera_table(camera.choice)), known.opening)
     except StadimeterError as error:
         return str(error), False
     write_picture(known.path(name), frame.image, frame.optics)
@@ -173,18 +166,18 @@ class HeldCamera:
         build: Builds a camera; touches no hardware.
     """
 
-    def __init__(self, build: Callable[[DriverChoice], Source] = open_source) -> None:
+    def __init__(self, build: Callable[[DriverChoice], frame_source.Source] = frame_source.open_source) -> None:
         self._build = build
         self._choice: DriverChoice | None = None
-        self._source: Source | None = None
+        self._source: frame_source.Source | None = None
 
     @property
-    def room(self) -> SimulatedRoom | None:
+    def room(self) -> frame_source.SimulatedRoom | None:
         """The room that is simulated before the camera; None before a real one, or none."""
         return self._source.room if self._source is not None else None
 
     @contextmanager
-    def hold(self, choice: DriverChoice) -> Iterator[Source]:
+    def hold(self, choice: DriverChoice) -> Iterator[frame_source.Source]:
         """Give a camera that is open and has settled. A recording is read from its beginning, and not held.
 
         A camera that fails is let go: the next look opens it anew, or another way.

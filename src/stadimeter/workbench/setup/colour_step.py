@@ -12,16 +12,8 @@ from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, ProposesColour
 from stadimeter.errors import ConfigError
+from stadimeter.workbench import colour_aids
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.colour_aids import (
-    NOTHING_STANDS_OUT,
-    ONLY_BACKGROUND,
-    Place,
-    colour_picture,
-    colour_sample,
-    is_where_pointed,
-    split_places,
-)
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.setup.camera_step import SHOWN
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Question, SetupStep, words_of
@@ -49,7 +41,7 @@ class ColourTrial(Struct):
     colour: str = ""
     seen_in: Frame | None = None
 
-    def point(self, frame: Frame, places: Sequence[Place], *, same_picture: bool) -> bool:
+    def point(self, frame: Frame, places: Sequence[colour_aids.Place], *, same_picture: bool) -> bool:
         """Fit the range to further clicks on the ball, and return whether a ball is seen where they are.
 
         Clicks in several lights, and on several colours of a ball, count together. A click beside the ball would spoil
@@ -68,9 +60,9 @@ class ColourTrial(Struct):
         samples = [*kept, newest]
         proposal = ball_colours().propose_colour(samples)
         if proposal is None:
-            raise ConfigError(ONLY_BACKGROUND)
+            raise ConfigError(colour_aids.ONLY_BACKGROUND)
         self.seen_in = newest.frame
-        is_seen = is_where_pointed(newest, proposal.views[-1])
+        is_seen = colour_aids.is_where_pointed(newest, proposal.views[-1])
         if is_seen or not self.colour:
             self.colour = proposal.colour
         if is_seen:
@@ -119,7 +111,7 @@ def describe_view(seen: ColourView, *, is_pointed_at: bool = True) -> str:
     return f"{ball} {OTHERS.format(places=places)}"
 
 
-def _check(frame: Frame, places: Sequence[Place]) -> None:
+def _check(frame: Frame, places: Sequence[colour_aids.Place]) -> None:
     if not places:
         raise ConfigError("there is no click; click on the ball")
     for x_px, y_px in places:
@@ -166,7 +158,11 @@ class ColourStep(SetupStep):
         samples = _samples(known, text)
         proposal = ball_colours().propose_colour(samples)
         if proposal is None:
-            raise ConfigError(ONLY_BACKGROUND if any(each.places_px for each in samples) else NOTHING_STANDS_OUT)
+            raise ConfigError(
+                colour_aids.ONLY_BACKGROUND
+                if any(each.places_px for each in samples)
+                else colour_aids.NOTHING_STANDS_OUT
+            )
         return Accepted(answer=proposal.colour, notes=_notes_on(known, samples, proposal), doubt=True)
 
 
@@ -182,7 +178,7 @@ def _what_stands_out(known: Known) -> tuple[str, tuple[str, ...], bool]:
             known.frames = (frame, *(each for each in known.frames if each is not frame))
             write_picture(known.path(SHOWN), frame.image)
             return proposal.colour, _notes_on(known, samples, proposal), not proposal.views[0].others
-    words = f"{NOTHING_STANDS_OUT[0].upper()}{NOTHING_STANDS_OUT[1:]}: point at it in {SHOWN}."
+    words = f"{colour_aids.NOTHING_STANDS_OUT[0].upper()}{colour_aids.NOTHING_STANDS_OUT[1:]}: point at it in {SHOWN}."
     return "", (words,), False
 
 
@@ -190,16 +186,17 @@ def _samples(known: Known, text: str) -> list[ColourSample]:
     """Return the pictures and places that an answer names; places without a picture are in the one that is shown."""
     words = words_of(text)
     here = [word for word in words if _PLACE.fullmatch(word)]
-    samples = [colour_sample(known.frame, SHOWN, here)] if here else []
+    samples = [colour_aids.colour_sample(known.frame, SHOWN, here)] if here else []
     for word in words:
         if word not in here:
-            name, places = split_places(str(known.path(word)))
-            samples.append(colour_sample(open_picture(known.path(name)), name, places))
+            name, places = colour_aids.split_places(str(known.path(word)))
+            samples.append(colour_aids.colour_sample(open_picture(known.path(name)), name, places))
     return samples
 
 
 def _notes_on(known: Known, samples: Sequence[ColourSample], proposal: ColourProposal) -> tuple[str, ...]:
     """Say what a range shows, and draw it."""
     view = proposal.views[0]
-    write_picture(known.path(COLOURED), colour_picture(samples[0].frame.image, view, proposal.colour))
-    return (f"{describe_view(view, is_pointed_at=is_where_pointed(samples[0], view))}{known.shown_in(COLOURED)}",)
+    write_picture(known.path(COLOURED), colour_aids.colour_picture(samples[0].frame.image, view, proposal.colour))
+    is_pointed_at = colour_aids.is_where_pointed(samples[0], view)
+    return (f"{describe_view(view, is_pointed_at=is_pointed_at)}{known.shown_in(COLOURED)}",)
