@@ -459,7 +459,10 @@ class LinkEvents:
         guess = guess if self._short_lives >= SUSPICIOUS else ""
         if flags.is_disconnect_packet_from_server:
             self.was_taken_over = reason.value == TAKEN_OVER
-            self.ending = describe_disconnect(self._options, reason) + ("" if self.was_taken_over else guess)
+            place, client_id = self._options.place, self._options.client_id
+            self.ending = f"{place} ended the connection ({reason}){guess}"
+            if self.was_taken_over:
+                self.ending = f"another program uses the client id '{client_id}' at {place}; give each its own node"
             return
         self.suspects_version = not self._was_ever_accepted
         self.ending = describe_loss(self._options, reason, had_answered=self.is_accepted) + guess
@@ -519,13 +522,6 @@ def describe_refusal(options: MqttSettings, reason: ReasonCode) -> str:
     if reason.value == UNSUPPORTED_VERSION:
         return f"{options.place} does not speak MQTT {options.protocol}; set protocol to 'auto'"
     return f"{options.place} refused the client '{options.client_id}' ({reason})"
-
-
-def describe_disconnect(options: MqttSettings, reason: ReasonCode) -> str:
-    """Say why the broker ended the connection."""
-    if reason.value == TAKEN_OVER:
-        return f"another program uses the client id '{options.client_id}' at {options.place}; give each its own node"
-    return f"{options.place} ended the connection ({reason})"
 
 
 def describe_loss(options: MqttSettings, reason: ReasonCode, *, had_answered: bool) -> str:

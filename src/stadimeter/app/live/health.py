@@ -1,8 +1,8 @@
 """The health of a run and its board, in figures and in words.
 
-Sources: ``/sys/class/thermal`` and the kernel's hwmon driver ``rpi_volt`` (Linux documentation); the bits of
-``vcgencmd get_throttled`` are those of Raspberry Pi's documentation, "Raspberry Pi OS", section ``get_throttled``. The
-kernel of Raspberry Pi OS gives the same number, in hexadecimal, in a file of its firmware driver.
+Sources: ``/sys/class/thermal`` (Linux documentation); the bits of ``vcgencmd get_throttled`` are those of Raspberry Pi's
+documentation, "Raspberry Pi OS", section ``get_throttled``. The kernel of Raspberry Pi OS gives the same number, in
+hexadecimal, in a file of its firmware driver.
 """
 
 from __future__ import annotations
@@ -25,8 +25,7 @@ THROTTLED = "sys/bus/platform/drivers/raspberrypi-firmware/*/get_throttled"
 HOT_C = 70.0
 
 # The same bits, this much higher, stay set from their first time until the next start.
-SUPPLY_BITS = {0: "under-voltage"}
-HEAT_BITS = {1: "its clock is capped", 2: "throttled", 3: "slowed by heat"}
+THROTTLED_BITS = {0: "under-voltage", 1: "its clock is capped", 2: "throttled", 3: "slowed by heat"}
 SINCE_START = 16
 
 # The board is looked at this often: its files take up to a millisecond each, and nothing there changes faster.
@@ -250,10 +249,9 @@ class Throttling(NamedTuple):
 
 def throttling(bits: int) -> Throttling:
     """Return the meaning of the number of ``vcgencmd get_throttled``."""
-    meanings = {**SUPPLY_BITS, **HEAT_BITS}
     return Throttling(
-        now=tuple(words for bit, words in meanings.items() if bits >> bit & 1),
-        before=tuple(words for bit, words in meanings.items() if bits >> (bit + SINCE_START) & 1),
+        now=tuple(words for bit, words in THROTTLED_BITS.items() if bits >> bit & 1),
+        before=tuple(words for bit, words in THROTTLED_BITS.items() if bits >> (bit + SINCE_START) & 1),
     )
 
 
@@ -264,7 +262,7 @@ def throttled_now(root: Path = Path("/")) -> tuple[str, ...]:
             return throttling(int(file.read_text("ascii"), 16)).now
         except (OSError, ValueError):
             continue
-    return (SUPPLY_BITS[0],) if is_under_voltage(root) else ()
+    return ()
 
 
 def temperature_c(root: Path = Path("/")) -> float | None:
@@ -273,14 +271,3 @@ def temperature_c(root: Path = Path("/")) -> float | None:
         return int((root / THERMAL).read_text("ascii")) / 1000
     except (OSError, ValueError):
         return None
-
-
-def is_under_voltage(root: Path = Path("/")) -> bool | None:
-    """Check whether a Raspberry Pi's supply is too low at this moment; None where the kernel does not say."""
-    for folder in sorted((root / "sys/class/hwmon").glob("hwmon*")):
-        try:
-            if (folder / "name").read_text("ascii").strip() == "rpi_volt":
-                return (folder / "in0_lcrit_alarm").read_text("ascii").strip() == "1"
-        except (OSError, ValueError):
-            continue
-    return None
