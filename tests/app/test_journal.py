@@ -1,6 +1,5 @@
 """The journal and its replay."""
 
-import json
 import os
 
 import pytest
@@ -59,24 +58,6 @@ def test_what_is_read_is_what_was_written_to_the_last_bit(tmp_path):
     journal = read_journal(tmp_path / "run.jsonl")
     assert [(r.observation.now_s, r.decision) for r in records_of(journal)] == recorder.decisions
     assert journal.header.configuration == "# configuration"
-
-
-def test_inhibits_of_older_recordings_are_read_by_their_old_name(tmp_path):
-    path = tmp_path / "run.jsonl"
-    recorder = recorded(path, 5, 0.8)
-    path.write_text(path.read_text().replace('"inhibits":[]', '"gates":["shelved"]'))
-    (*_, last) = records_of(read_journal(path))
-    assert [rule.inhibits for rule in last.decision.rules] == [("shelved",)] * len(recorder.decisions[-1][1].rules)
-
-
-def test_rules_that_did_not_change_are_not_written_again_and_read_all_the_same(tmp_path):
-    recorder = recorded(tmp_path / "run.jsonl", *[0.8] * 20)
-    written = [json.loads(line)["decision"]["rules"] for line in (tmp_path / "run.jsonl").read_text().splitlines()[1:]]
-    assert written.count("as before") > len(written) / 2
-    near = {"rule": "near", "status": "active", "output": "buzzer"}
-    assert any(near.items() <= rule.items() for rules in written if rules != "as before" for rule in rules)
-    read = [record.decision.rules for record in records_of(read_journal(tmp_path / "run.jsonl"))]
-    assert read == [decision.rules for _, decision in recorder.decisions]
 
 
 @pytest.mark.long

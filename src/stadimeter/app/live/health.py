@@ -1,8 +1,8 @@
 """The health of a run and its board, in figures and in words.
 
-Sources: ``/sys/class/thermal`` (Linux documentation); the bits of ``vcgencmd get_throttled`` are those of Raspberry Pi's
-documentation, "Raspberry Pi OS", section ``get_throttled``. The kernel of Raspberry Pi OS gives the same number, in
-hexadecimal, in a file of its firmware driver.
+Sources: ``/sys/class/thermal`` (Linux documentation); the bits of ``vcgencmd get_throttled`` are those of Raspberry
+Pi's documentation, "Raspberry Pi OS", section ``get_throttled``. The kernel of Raspberry Pi OS gives the same number,
+in hexadecimal, in a file of its firmware driver.
 """
 
 from __future__ import annotations

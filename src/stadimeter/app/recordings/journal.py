@@ -1,12 +1,10 @@
 """The journal: what was known, decided and done in each cycle, one line of JSON a cycle; and a cycle as JSON.
 
 The first line says what wrote the journal and holds the configuration; where another one was reloaded while running,
-a line holds that. Every further line is one `CycleRecord`, without
-the reasons of the rules, which follow from the rest, and without the candidates that were rejected, which decide
-nothing. Its rules are ``"as before"`` while none of them changed: with many rules they would be most of each line, and
-a run of weeks wears out a memory card. Numbers are written so that reading them gives the same bits again; a recording
-replayed through the same rules gives the same decisions. Times are on the run's monotonic clock; the first line says
-which wall-clock time the journal began at.
+a line holds that. Every further line is one `CycleRecord`, without the reasons of the rules, which follow from the
+rest, and without the candidates that were rejected, which decide nothing. Numbers are written so that reading them
+gives the same bits again; a recording replayed through the same rules gives the same decisions. Times are on the run's
+monotonic clock; the first line says which wall-clock time the journal began at.
 """
 
 from __future__ import annotations
@@ -46,7 +44,7 @@ from stadimeter.config.findings import format_value
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import path_from
 from stadimeter.core.bounds import MAX_TIME_S, is_time
-from stadimeter.core.decision import Decision, RuleTrace
+from stadimeter.core.decision import Decision
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import Observation
 from stadimeter.errors import ConfigError, JournalError, Problem, UnreadableError
@@ -300,16 +298,6 @@ def _camera_files(configuration: Configuration) -> dict[str, str]:
     return texts
 
 
-# Stands for the rules of a decision that are those of the cycle before. No text holds the bytes: in one, quotes are
-# escaped.
-AS_BEFORE = "as before"
-_RULES_ARE = b',"rules":'
-_RULES_AS_BEFORE = _RULES_ARE + b'"as before"'
-
-# What older recordings call the inhibits of a rule.
-_GATES, _INHIBITS = b',"gates":[', b',"inhibits":['
-
-
 class _RecordedReload(Struct, frozen=True):
     """A configuration that was reloaded while running, and when on the run's monotonic clock."""
 
@@ -323,7 +311,7 @@ class _Reloaded(Struct, frozen=True):
 
 # The parts of a cycle before its decision, and those of a decision, in their order.
 _PARTS = ("observation", "applied", "timings_s")
-_DECIDED = (*(name for name in Decision.__struct_fields__ if name not in {"rules", "reasons"}), "rules")
+_DECIDED = tuple(name for name in Decision.__struct_fields__ if name != "reasons")
 
 _RELOADED_BEGINS = b'{"reloaded":'
 
@@ -344,7 +332,7 @@ def reload_of(line: bytes, place: str) -> RecordedConfiguration | None:
 
 
 def cycle_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a cycle as `CycleEncoder` writes it."""
+    """Return the JSON Schema of a cycle as `cycle_json` writes it."""
     written = schema(CycleRecord, schema_hook=lambda _kind: {"type": "array"})  # points in no journal
     for name, left_out in (("CycleRecord", ("rejected", "detections")), ("Decision", ("reasons",))):
         for key in left_out:
@@ -352,26 +340,10 @@ def cycle_schema() -> dict[str, Any]:
     return written
 
 
-class CycleEncoder:
-    """Writes the cycles of one run.
-
-    Args:
-        repeats_rules: Whether rules that are those of the cycle before are written again. With many rules they would
-            be most of each cycle; but only then each cycle can be read on its own.
-    """
-
-    def __init__(self, *, repeats_rules: bool) -> None:
-        self._repeats_rules = repeats_rules
-        self._rules: tuple[RuleTrace, ...] | None = None
-
-    def encode(self, record: CycleRecord) -> bytes:
-        """Write a cycle."""
-        decision, before = record.decision, self._rules
-        decided = {name: getattr(decision, name) for name in _DECIDED}
-        self._rules = decided["rules"] = decision.rules
-        if before is decision.rules and not self._repeats_rules:
-            decided["rules"] = AS_BEFORE
-        return encode({**{name: getattr(record, name) for name in _PARTS}, "decision": decided})
+def cycle_json(record: CycleRecord) -> bytes:
+    """Write a cycle on one line, without what follows from the rest or decides nothing."""
+    decided = {name: getattr(record.decision, name) for name in _DECIDED}
+    return encode({**{name: getattr(record, name) for name in _PARTS}, "decision": decided})
 
 
 class _When(Struct, frozen=True):
@@ -379,10 +351,6 @@ class _When(Struct, frozen=True):
 
     now_s: float
     frame: Raw
-
-
-class _Decided(Struct, frozen=True):
-    rules: Raw
 
 
 class _Parts(Struct, frozen=True):
@@ -393,30 +361,17 @@ class _Parts(Struct, frozen=True):
 class RecordedCycle:
     """One cycle of a recording, read as far as it is asked for. A part that is damaged raises `JournalError`.
 
-    Args:
-        before: The cycle before, for one whose rules are those of that.
-
     Attributes:
         reloaded: The configuration that was reloaded right before it.
     """
 
-    __slots__ = ("_line", "_parts", "_place", "_rules", "reloaded")
+    __slots__ = ("_line", "_parts", "_place", "reloaded")
 
-    def __init__(
-        self,
-        line: bytes,
-        place: str,
-        reloaded: RecordedConfiguration | None = None,
-        before: RecordedCycle | None = None,
-    ) -> None:
+    def __init__(self, line: bytes, place: str, reloaded: RecordedConfiguration | None = None) -> None:
         self.reloaded = reloaded
+        self._line = line
         self._place = place
         self._parts: _Parts | None = None
-        self._rules: bytes | None = None
-        if _RULES_AS_BEFORE in line:
-            self._rules = before.rules_json() if before else b"[]"
-            line = line.replace(_RULES_AS_BEFORE, _RULES_ARE + self._rules)
-        self._line = line.replace(_GATES, _INHIBITS)
 
     def observation(self) -> Observation:
         """Return the observation of the cycle."""
@@ -436,12 +391,6 @@ class RecordedCycle:
     def has_frame(self) -> bool:
         """Check whether a frame was new in it."""
         return bytes(self._read(self._part("observation"), _When).frame) != b"null"
-
-    def rules_json(self) -> bytes:
-        """Return the JSON of its rules."""
-        if self._rules is None:
-            self._rules = bytes(self._read(self._part("decision"), _Decided).rules)
-        return self._rules
 
     def decision(self) -> Decision:
         """Return the decision of the cycle."""
@@ -506,7 +455,6 @@ class JournalWriter:
     takes_pictures = False
 
     def __init__(self, path: Path, configuration: RecordedConfiguration, began_at: str | None = None) -> None:
-        self._encoder = CycleEncoder(repeats_rules=False)
         self._header = JournalHeader(
             stadimeter_journal=FORMAT,
             version=stadimeter.__version__,
@@ -519,7 +467,7 @@ class JournalWriter:
 
     def write(self, record: CycleRecord, _frame: Frame | None = None) -> None:
         """Add one cycle; `JournalError` if its line could not be written whole. Earlier ones are intact."""
-        self._append(self._encoder.encode(record))
+        self._append(cycle_json(record))
 
     def note_resumption(self, text: str) -> None:
         """Take in what the run restores from an earlier one. Only before the first cycle."""
@@ -561,7 +509,7 @@ class Journal(Struct, frozen=True, kw_only=True):
         with readable(self.path) as file:
             lines = lines_of(file)
             next(lines, b"")
-            reloaded = cycle = None
+            reloaded = None
             for number, line in enumerate(lines, start=2):
                 if not line.endswith(b"\n"):
                     return
@@ -569,8 +517,8 @@ class Journal(Struct, frozen=True, kw_only=True):
                 if taken_over := reload_of(line, place):
                     reloaded = taken_over
                     continue
-                cycle, reloaded = RecordedCycle(line, place, reloaded, before=cycle), None
-                yield cycle
+                yield RecordedCycle(line, place, reloaded)
+                reloaded = None
 
     def is_cut_off(self) -> bool:
         """Check whether the last line is not whole, as after a power cut."""

@@ -132,7 +132,6 @@ class EntryEncoder:
         self._recorded = recorded
         self._choice = ImageChooser(options)
         self._quality_percent = options.quality_percent
-        self._encoder = journal.CycleEncoder(repeats_rules=True)
         self._lens: CameraModel | None = None
         self._cycles = 0
 
@@ -150,7 +149,7 @@ class EntryEncoder:
         now_s = record.observation.now_s
         if frame is not None and self._choice.is_wanted(record, frame):
             yield from self._picture(record, frame)
-        yield Entry(CYCLES, messages.CYCLE, now_s, self._encoder.encode(record), self._cycles)
+        yield Entry(CYCLES, messages.CYCLE, now_s, journal.cycle_json(record), self._cycles)
         self._cycles += 1
         measured = {measurement.target: measurement for measurement in record.observation.measurements}
         for track in record.decision.tracks:
