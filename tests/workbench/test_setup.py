@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from stadimeter.app.feasibility import feasibility_warnings
+from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.cli.main import app
 from stadimeter.config.describe import describe
 from stadimeter.config.driver_tables import BASE
@@ -19,6 +20,7 @@ from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import ConfigError
+from stadimeter.workbench import frame_source
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.rule_tests import run_rule_test
 from stadimeter.workbench.setup.camera_step import table_of
@@ -82,6 +84,23 @@ def test_a_ball_before_a_camera_takes_eight_answers(interview: Interview, device
     for name, text in configuration_files(known.answers, known.camera_model).items():
         (known.folder / name).write_text(text, encoding="utf-8")
     assert load_configuration(known.file).camera.options.device == str(device.node)
+
+
+@pytest.mark.long
+def test_of_the_eight_answers_to_a_buzzer_six_are_asked(
+    tmp_path: Path, device: V4l2Double, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = str(device.node)
+    only = AttachedCamera(driver="opencv", options={"device": node}, path=node, name="webcam", node=node)
+    monkeypatch.setattr(frame_source, "list_cameras", lambda: (only,))
+    interview, asked = Interview(tmp_path), []
+    given = {"target": "ball", "size": "20 cm", "calibration": "1 m"}
+    while (question := interview.question()) is not None:
+        asked += [] if question.is_sure else [question.key]
+        interview.answer(given.get(question.key, question.ready))
+    assert len(interview.known.answers) == 8
+    assert len(asked) == 6, "the only camera, and a colour that nothing else has, are shown"
+    assert {"camera", "colour"}.isdisjoint(asked)
 
 
 @pytest.mark.long
