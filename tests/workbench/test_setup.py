@@ -29,6 +29,7 @@ from stadimeter.workbench.setup.interview import Interview, load_answers
 from stadimeter.workbench.setup.question import Known
 from stadimeter.workbench.setup.recipe_steps import BaseStep, BlankStep, OutputStep, RecipeStep, recipe_steps
 from stadimeter.workbench.setup.recipes import Recipe, load_recipes
+from stadimeter.workbench.setup.target import offered_kinds
 from support.each_case import each_case
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -104,6 +105,12 @@ def test_of_the_eight_answers_to_a_buzzer_six_are_asked(
 
 
 @pytest.mark.long
+def test_the_form_of_a_size_lists_names_where_its_target_knows_some() -> None:
+    forms = {kind.key: {blank.key: blank.form for blank in kind.blanks} for kind in offered_kinds().values()}
+    assert forms["ball"]["size"].endswith("football, basketball")
+    assert forms["sheet"]["size"].endswith("A4 ± 3 mm")
+
+
 def test_another_interview_goes_on_where_one_was_left(interview: Interview, tmp_path: Path) -> None:
     interview.answer("1 m")
     again = Interview(tmp_path)

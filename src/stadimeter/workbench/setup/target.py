@@ -76,7 +76,7 @@ def _named(blank: Blank, model: type[DriverOptions]) -> Blank:
     if not blank.option:
         return blank
     names = tuple(each for each in option_examples(model.model_fields[blank.option]) if each[:1].isalpha())
-    return replace(blank, names=names, form=f"{blank.form}: {', '.join(names)}")
+    return replace(blank, names=names, form=f"{blank.form}: {', '.join(names)}" if names else blank.form)
 
 
 def kind_of(answers: Mapping[str, str]) -> Recipe:
