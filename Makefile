@@ -3,9 +3,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 OLD_VENV := .venv-opencv-4.10
-# What formats and lints JavaScript: one program from npm, kept in the virtual environment. Vendored files are left alone.
-BIOME_VERSION := 2.6.8
-BIOME := $(VENV)/biome-$(BIOME_VERSION)/node_modules/.bin/biome
+# What formats, lints and checks the types of JavaScript: programs from npm, kept in the virtual environment. Vendored
+# files are left alone.
+NPM_PACKAGES := @biomejs/biome@2.6.8 typescript@5.9.3 openapi-typescript@7.13.0
+NODE_MODULES := $(VENV)/node_modules
+NODE_BIN := $(NODE_MODULES)/.bin
 JAVASCRIPT := --config-path=tests/web/biome.jsonc src/stadimeter/web/static tests/support
 ARGS ?=
 # Bytecode is kept whatever the environment says: else each program that a test starts compiles all of it again, and
@@ -63,11 +65,14 @@ ifeq ($(shell command -v npm),)
 check-javascript format-javascript:
 	@echo "The JavaScript of the page is left out: npm is missing. On Debian: sudo apt install npm"
 else
-check-javascript: $(BIOME)
-	$(BIOME) check --error-on-warnings $(JAVASCRIPT)
+check-javascript: $(NODE_MODULES) $(VENV)/.dev
+	$(NODE_BIN)/biome check --error-on-warnings $(JAVASCRIPT)
+	$(BIN)/python docs/openapi.py > $(VENV)/openapi.json
+	$(NODE_BIN)/openapi-typescript $(VENV)/openapi.json --empty-objects-unknown -o $(VENV)/openapi.d.ts > /dev/null
+	$(NODE_BIN)/tsc -p tests/web
 
-format-javascript: $(BIOME)
-	$(BIOME) check --write $(JAVASCRIPT)
+format-javascript: $(NODE_MODULES)
+	$(NODE_BIN)/biome check --write $(JAVASCRIPT)
 endif
 
 gate: $(VENV)/.dev ## compare what start-up, memory and a cycle cost with the kept figures; ARGS=--keep keeps new ones
@@ -135,8 +140,9 @@ $(VENV)/.nightly: $(VENV)/.collected
 	$(BIN)/python -m pip install --quiet --group nightly
 	@touch $@
 
-$(BIOME): | $(VENV)/.python
-	npm install --prefix $(VENV)/biome-$(BIOME_VERSION) --no-save --no-audit --no-fund --silent @biomejs/biome@$(BIOME_VERSION)
+$(NODE_MODULES): Makefile | $(VENV)/.python
+	npm install --prefix $(VENV) --no-save --no-audit --no-fund --silent $(NPM_PACKAGES)
+	@touch $@
 
 $(VENV)/.bench: $(VENV)/.pip pyproject.toml
 	$(BIN)/python -m pip install --quiet --group bench

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+import sys
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -112,3 +114,7 @@ def _schema_of_kind(kind: str) -> dict[str, Any]:
     if kind[0].isupper():
         return {"$ref": f"#/components/schemas/{kind}"}
     return {} if kind == "any" else {"type": {"text": "string"}.get(kind, kind)}
+
+
+if __name__ == "__main__":
+    json.dump(openapi_document(), sys.stdout)

@@ -63,7 +63,7 @@ async function open() {
     if (view.right === "operate" && !canOperate())
       throw new Error("You are logged in to look. This page is for those who may operate.");
     const { View } = await view.load();
-    show(html`<${View} ...${{ session, api, live, others, unit: chosenUnit(), say }} />`);
+    show(html`<${View} ...${{ session, live, others, unit: chosenUnit(), say }} />`);
   } catch (error) {
     show(failed(error));
   }
@@ -146,8 +146,8 @@ function markAge() {
   const root = document.documentElement;
   const age = live.staleMs();
   if (age !== null) root.style.setProperty("--age", `"${old(age)}"`);
-  if (root.classList.toggle("stale", age !== null) !== markAge.was) drawState();
-  markAge.was = age !== null;
+  const was = root.classList.contains("stale");
+  if (root.classList.toggle("stale", age !== null) !== was) drawState();
 }
 
 const MOVES = "Outputs act at once, as the rules want them to: what moves may move off.";
@@ -184,8 +184,8 @@ async function begin() {
     return;
   }
   drawMenu();
-  if (canOperate()) drawStop(part("stop"), api);
-  others = new Others(api, session);
+  if (canOperate()) drawStop(part("stop"));
+  others = new Others(session);
   others.watch((list) => render(html`<${OthersBar} others=${list} />`, part("others")));
   window.addEventListener("hashchange", open);
   await open(); // first: what it subscribes to decides whether the stream has pictures

@@ -20,7 +20,7 @@ export function ColourSliders({ range, onrange, figures }) {
   const moved = useRef({ slider: null, at_ms: 0 });
   const now = steps[at] ?? "";
   const keep = (chosen, inPlace = false) => {
-    const before = steps.slice(0, at + 1 - inPlace);
+    const before = steps.slice(0, inPlace ? at : at + 1);
     set({ steps: [...before, chosen], at: before.length });
   };
   useEffect(() => {

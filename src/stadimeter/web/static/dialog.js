@@ -8,9 +8,10 @@ const LOST = "What you changed is lost if you leave. Leave once more to do so.";
  *  something `isChanged()`, by default where one has typed or chosen. Stop goes into it: outside of a modal dialog
  *  nothing takes a click. */
 export function openDialog({ label, kind = "", isChanged = null, onclose = () => {} }, draw) {
-  const asked = document.activeElement;
+  const asked = /** @type {HTMLElement} */ (document.activeElement);
   const stop = document.getElementById("stop");
-  const [dialog, content, warning] = ["dialog", "div", "p"].map((tag) => document.createElement(tag));
+  const dialog = document.createElement("dialog");
+  const [content, warning] = ["div", "p"].map((tag) => document.createElement(tag));
   let isTouched = false;
   const mayLeave = () => {
     if (!(isChanged ? isChanged() : isTouched) || warning.textContent) return true;

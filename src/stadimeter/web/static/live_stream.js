@@ -1,6 +1,7 @@
 // One stream of snapshots for the tab: what the run shows, each with its frame, and what has been since.
 
 import { api } from "./api.js";
+import { latest } from "./latest.js";
 
 const HISTORY_S = 300;
 const EVENTS_MAX = 500;
@@ -25,8 +26,6 @@ export class Live {
   #offset = null; // the quickest way of a snapshot in this connection so far: this tab's clock less the device's, ms
   #received = null; // of the newest frame: when, and how old it was then
   #bitmap = null;
-  #newest = null; // what is to be shown next
-  #isShowing = false;
   #heard = null; // of the newest message: when it came, and how old what it tells was then
   #clocks = -Infinity; // the device's time of day less the run's clock
   state = { status: "connecting", words: "" };
@@ -124,22 +123,7 @@ export class Live {
     message.at = performance.now();
     message.transit = this.#transit(message.snapshot, message.at);
     this.#heard = { at: message.at, age: message.transit + (message.snapshot.cycle_age_s ?? 0) * 1000 };
-    const isBusy = this.#newest !== null || this.#isShowing;
-    this.#newest = message;
-    if (!isBusy) this.#showNewest();
-  }
-
-  async #showNewest() {
-    this.#isShowing = true;
-    try {
-      while (this.#newest) {
-        const message = this.#newest;
-        this.#newest = null;
-        await this.#show(message);
-      }
-    } finally {
-      this.#isShowing = false;
-    }
+    this.#show(message);
   }
 
   #remember(snapshot) {
@@ -160,7 +144,7 @@ export class Live {
     if (fresh.length) this.history.events = [...fresh, ...this.history.events].slice(0, EVENTS_MAX);
   }
 
-  async #show({ snapshot, jpeg, at, transit }) {
+  #show = latest(async (_, { snapshot, jpeg, at, transit }) => {
     const bitmap = jpeg.length
       ? await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" })).catch(() => null)
       : null;
@@ -170,7 +154,7 @@ export class Live {
     for (const { fn, image } of [...this.#readers.values()]) fn(snapshot, image ? bitmap : null);
     this.#bitmap?.close();
     this.#bitmap = bitmap;
-  }
+  });
 
   /** How long a snapshot was on its way: with the page's process, and beyond the quickest so far; clocks drift, so the
    *  quickest is forgotten slowly. */

@@ -1,5 +1,6 @@
 // The pages of other cameras: a bar that says how each is, and one list of the alarms of all.
 
+import { api } from "./api.js";
 import { moment, old } from "./format.js";
 import { lookOf, stateInWords } from "./states.js";
 import { Badge, html } from "./ui.js";
@@ -13,8 +14,8 @@ export class Others {
   #readers = new Set();
   list = [];
 
-  constructor(api, { has_others }) {
-    if (has_others) this.#next(api);
+  constructor({ has_others }) {
+    if (has_others) this.#next();
   }
 
   /** Calls `fn(list)` now and after each answer; returns what ends that. */
@@ -24,13 +25,13 @@ export class Others {
     return () => this.#readers.delete(fn);
   }
 
-  async #next(api) {
+  async #next() {
     if (!document.hidden) {
       const { others } = await api.get("others").catch(() => ({ others: this.list }));
       this.list = others;
       for (const fn of this.#readers) fn(others);
     }
-    setTimeout(() => this.#next(api), EVERY_MS);
+    setTimeout(() => this.#next(), EVERY_MS);
   }
 }
 

@@ -1,5 +1,6 @@
 // Stop: sent at once, sent again until it is confirmed, and if it is not, what to do by hand.
 
+import { api } from "./api.js";
 import { Button, html, Icon, render } from "./ui.js";
 
 const AGAIN_MS = 1000; // TCP sends a lost packet again within a second; a request that hangs for longer hangs for good
@@ -9,7 +10,7 @@ const BY_HAND = "Not confirmed: the outputs may still act. Cut their supply by h
 
 /** Draw the button and what became of it. It never becomes the button that releases: two presses are one stop. What it
  *  says is drawn within the click itself, however much else there is to draw. */
-export function drawStop(root, api) {
+export function drawStop(root) {
   let sending = new AbortController();
   let hiding = 0;
 

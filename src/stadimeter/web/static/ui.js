@@ -49,7 +49,7 @@ export function useSnapshot(live, every_ms = 200) {
 export function useKept(key, otherwise) {
   const [, draw] = useReducer((count) => count + 1, 0);
   useEffect(() => {
-    const changed = ({ detail }) => detail === key && draw();
+    const changed = (/** @type {any} */ { detail }) => detail === key && draw();
     window.addEventListener("kept", changed);
     return () => window.removeEventListener("kept", changed);
   }, [key]);
@@ -60,20 +60,21 @@ export function useKept(key, otherwise) {
   return [localStorage.getItem(key) ?? otherwise, choose];
 }
 
-/** What a view holds and does. It has what it is given at first; `put(changed)` changes it, and draws the view anew. */
-export class Model {
+/** What a view holds and does. It has what it is given at first; `put(changed)` changes it, and draws the view anew.
+ *  @type {any} */
+export const Model = class {
   constructor(given) {
     Object.assign(this, given);
   }
 
   put(changed) {
     Object.assign(this, changed);
-    this.draw();
+    /** @type {any} */ (this).draw();
   }
 
   /** End what it began. */
   leave() {}
-}
+};
 
 /** The model of a view, of a class of its own. */
 export function useModel(Kind, given) {

@@ -1,5 +1,6 @@
 // Alarms: which stand, since when, who has seen them, and what has been.
 
+import { api } from "../api.js";
 import * as format from "../format.js";
 import { latest } from "../latest.js";
 import { AllAlarms } from "../others.js";
@@ -49,7 +50,7 @@ export function View(context) {
 }
 
 /** What the run and the workbench tell of alarms and clips: asked now and then, and when something has happened. */
-function useTold({ api, live }) {
+function useTold({ live }) {
   const [told, set] = useState({ alarms: [], events: [], clips: [], failed: "" });
   useEffect(() => {
     const ask = latest(async (signal) => {
@@ -73,7 +74,7 @@ function useTold({ api, live }) {
     ask();
     const often = setInterval(ask, AGAIN_MS);
     return () => (leave(), clearInterval(often), ask.end());
-  }, [api, live]);
+  }, [live]);
   return told;
 }
 
@@ -92,7 +93,7 @@ function eventsOf(live, told) {
 /** The alarms with what is known of their past; what needs somebody comes first. */
 function alarmsOf(snapshot, told) {
   const past = new Map(told.alarms.map((alarm) => [alarm.rule, alarm]));
-  const weight = ({ acknowledged, active }) => 2 * !acknowledged + Boolean(active);
+  const weight = ({ acknowledged, active }) => (acknowledged ? 0 : 2) + (active ? 1 : 0);
   return (snapshot?.rules ?? [])
     .filter(({ is_alarm }) => is_alarm)
     .map((rule) => ({ ...past.get(rule.rule), ...rule }))

@@ -1,11 +1,12 @@
 // The certificate of the site: the target at taped distances, one after the other, and what came of it.
 
+import { api } from "../api.js";
 import { Button, Field, html, useEffect, useRef, useState } from "../ui.js";
 
 const HOW = "Put the target at a distance, measured with a tape from the lens to its nearest point. Keep all still.";
 const WATCHING = "Watching for some seconds: keep all still …";
 
-export function View({ api, say }) {
+export function View({ say }) {
   const [state, show] = useState(null);
   const [busy, wait] = useState("Reading the configuration …");
   const [failed, fail] = useState("");

@@ -1,5 +1,6 @@
 // Recordings: make one, list, replay with a slider, download, delete.
 
+import { api } from "../api.js";
 import { ask } from "../dialog.js";
 import * as format from "../format.js";
 import { latest } from "../latest.js";
@@ -10,9 +11,9 @@ import { Replay } from "./replay.js";
 const CLIP_END_S = 2; // a clip is finished within a second or so after its end
 
 export function View(context) {
-  const { api, say, session } = context;
+  const { say, session } = context;
   const canOperate = session.right === "operate";
-  const [told, load] = useRecordings(api);
+  const [told, load] = useRecordings();
   const [{ name, at_s }, show] = useState(named(location.hash)); // what is replayed
   const remove = async (gone) => {
     const words = "It is gone for good. Download it first if you may need it.";
@@ -43,7 +44,7 @@ export function View(context) {
 }
 
 /** The recordings that there are, and what asks for them anew. */
-function useRecordings(api) {
+function useRecordings() {
   const [told, set] = useState({ recordings: null });
   const load = useRef(null);
   load.current ??= latest(async (signal) => {
@@ -63,7 +64,7 @@ function named(hash) {
   return name ? { name: decodeURIComponent(name), at_s: Number(at_s) || 0 } : {};
 }
 
-function Orders({ live, api, say, load, canOperate }) {
+function Orders({ live, say, load, canOperate }) {
   const recording = useSnapshot(live)?.recording;
   const isLive = live.state.status === "live";
   useEffect(() => void load(), [Boolean(recording)]);
@@ -78,7 +79,7 @@ function Orders({ live, api, say, load, canOperate }) {
   };
   const going = recording && `Recording: ${format.span(recording.seconds)}, ${format.size(recording.bytes)}.`;
   const idle = isLive ? "A recording can be replayed here, and changed rules be tried on it." : "There is no run now.";
-  const acts = html`<${Record} disabled=${!isLive} recording=${recording} api=${api} say=${say} done=${load} />
+  const acts = html`<${Record} disabled=${!isLive} recording=${recording} say=${say} done=${load} />
     <${Button} onclick=${keep}>Save clip<//>`;
   return html`<div class="row">${canOperate && acts}<p class="grow">${(isLive && going) || idle}</p></div>`;
 }

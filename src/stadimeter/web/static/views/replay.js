@@ -1,13 +1,14 @@
 // One recording, moment by moment: its picture, what was measured, and what the rules made of it.
 
+import { api } from "../api.js";
 import * as format from "../format.js";
 import { latest } from "../latest.js";
 import { Button, html, Model, Photo, useEffect, useModel, useRef } from "../ui.js";
 
 const STEP_S = 0.1;
 
-export function Replay({ name, seconds, at_s, api, unit, end }) {
-  const player = useModel(Player, { api, name, seconds });
+export function Replay({ name, seconds, at_s, unit, end }) {
+  const player = useModel(Player, { name, seconds });
   const [root, slider] = [useRef(), useRef()];
   useEffect(() => {
     player.show(at_s);
@@ -59,7 +60,7 @@ class Player extends Model {
   #load = latest(async (signal, at_s) => {
     try {
       const path = `recordings/${encodeURIComponent(this.name)}/frame.jpg?at_s=${at_s}`;
-      this.put({ shown: await this.api.picture(path, { signal }), failed: "" });
+      this.put({ shown: await api.picture(path, { signal }), failed: "" });
     } catch (error) {
       if (signal.aborted) return;
       this.#begun_ms = null;

@@ -1,5 +1,6 @@
 // The configuration as text: problems and meaning while one types, what it would have done, saving, versions.
 
+import { api } from "../../api.js";
 import { ask } from "../../dialog.js";
 import { Difference } from "../../difference.js";
 import { latest } from "../../latest.js";
@@ -60,7 +61,7 @@ class Desk extends Model {
   async load() {
     window.addEventListener("beforeunload", this.asks);
     try {
-      const { text, version, path, versions } = await this.api.get("configuration");
+      const { text, version, path, versions } = await api.get("configuration");
       const draft = keptDraft(path);
       this.put({ path, versions, base: draft?.base ?? { text, version } });
       this.changed(draft?.text ?? text);
@@ -92,7 +93,7 @@ class Desk extends Model {
   check = latest(
     async (signal, text, options = {}) => {
       try {
-        const { tests, ...answer } = await this.api.post("configuration/check", { text, ...options }, { signal });
+        const { tests, ...answer } = await api.post("configuration/check", { text, ...options }, { signal });
         this.show({ ...answer, tests: options.tests ? tests : null });
       } catch (error) {
         if (!signal.aborted) this.put({ answer: { failed: error.message } });
@@ -115,7 +116,7 @@ class Desk extends Model {
     const { text, base } = this;
     this.put({ isSaving: true });
     try {
-      const answer = await this.api.put("configuration", { text, base_version: base.version, ...options });
+      const answer = await api.put("configuration", { text, base_version: base.version, ...options });
       this.put({ base: { text, version: answer.version } });
       keepDraft(this);
       await this.saved(answer);
@@ -126,7 +127,7 @@ class Desk extends Model {
   }
 
   async #refused(error, options) {
-    if (error.code === "conflict") return this.#differs(await this.api.get("configuration"));
+    if (error.code === "conflict") return this.#differs(await api.get("configuration"));
     if (!error.problems?.length) throw error;
     this.show(error);
     const why = "A run that starts with it stops at once and says why. The run that goes on now is not touched.";
@@ -150,11 +151,11 @@ class Desk extends Model {
   }
 
   /** Say that it was saved and what the run needs, and list the versions anew; `use(now)` takes what is saved now. */
-  async saved(answer, use = () => {}) {
-    this.put({ below: html`<${Saved} key=${answer.version} ...${answer} api=${this.api} say=${this.say} />` });
+  async saved(answer, use = (_now) => {}) {
+    this.put({ below: html`<${Saved} key=${answer.version} ...${answer} say=${this.say} />` });
     this.say("Saved.");
     try {
-      const now = await this.api.get("configuration");
+      const now = await api.get("configuration");
       use(now);
       this.put({ versions: now.versions });
     } catch (error) {

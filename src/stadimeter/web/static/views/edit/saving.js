@@ -1,5 +1,6 @@
 // What follows a save: a run that must reload or restart, and two who save at once.
 
+import { api } from "../../api.js";
 import { Difference } from "../../difference.js";
 import { Button, html, useEffect, useRef, useState } from "../../ui.js";
 
@@ -15,7 +16,7 @@ const APPLY = {
 };
 
 /** Says what is needed for the run to use what was saved, and does it on a button. */
-export function Saved({ needs, api, say }) {
+export function Saved({ needs, say }) {
   const [isOver, end] = useState(false);
   const { path, words, why } = APPLY[needs] ?? APPLY.nothing;
   const apply = async () => {

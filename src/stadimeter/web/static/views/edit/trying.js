@@ -1,5 +1,6 @@
 // What the text in the field would have done on a recording: both runs, one above the other.
 
+import { api } from "../../api.js";
 import { words as inUnit, span } from "../../format.js";
 import { latest } from "../../latest.js";
 import { Button, html, Model, Select, useEffect, useModel, useState } from "../../ui.js";
@@ -70,7 +71,7 @@ class Trial extends Model {
 
   async load() {
     try {
-      const { recordings } = await this.desk.api.get("recordings");
+      const { recordings } = await api.get("recordings");
       this.put({ recordings: recordings.filter((each) => each.seconds > 0) });
     } catch (error) {
       this.put({ failed: error.message });
@@ -79,7 +80,7 @@ class Trial extends Model {
 
   /** Each answer shows what is compared so far; a long recording takes several. */
   ask = latest(async (signal, name) => {
-    const { api, text } = this.desk;
+    const { text } = this.desk;
     const { unix_s } = this.recordings.find((each) => each.name === name);
     const path = `recordings/${encodeURIComponent(name)}/replay-diff`;
     this.put({ text, answer: null, words: "Replaying …", isBusy: true });

@@ -1,5 +1,6 @@
 // The former versions of the configuration, and bringing one back.
 
+import { api } from "../../api.js";
 import { ask } from "../../dialog.js";
 import { Difference } from "../../difference.js";
 import { moment } from "../../format.js";
@@ -22,14 +23,14 @@ function Version({ id, unix_s, desk }) {
   const path = `configuration/versions/${encodeURIComponent(id)}`;
   const compare = async () => {
     try {
-      show(text === null ? (await desk.api.get(path)).text : null);
+      show(text === null ? (await api.get(path)).text : null);
     } catch (error) {
       desk.say(error.message, "error");
     }
   };
   const bring = async () => {
     const about = "It becomes the saved configuration. The one that is saved now is kept among the versions.";
-    const send = () => desk.api.post(`${path}/restore`, { base_version: desk.base.version });
+    const send = () => api.post(`${path}/restore`, { base_version: desk.base.version });
     const question = { title: `Bring back the version of ${title}?`, words: about, action: "Bring back", send };
     const done = await ask(question);
     if (done) desk.saved(done.answer, desk.use);

@@ -1,5 +1,6 @@
 // The colour of a ball of the run, by sliders beside what has that colour in the run's picture now.
 
+import { api } from "../../api.js";
 import { ColourSliders } from "../../colour_sliders.js";
 import { openDialog } from "../../dialog.js";
 import { distance } from "../../format.js";
@@ -16,7 +17,7 @@ export function openColour(target, context) {
 }
 
 function Colour({ target, changed, leave, ...context }) {
-  const { api, unit } = context;
+  const { unit } = context;
   const path = `targets/${encodeURIComponent(target)}/colour`;
   const [range, choose] = useState("");
   const [shown, show] = useState({ words: "" }); // `{blob, figures, words}`
@@ -26,9 +27,8 @@ function Colour({ target, changed, leave, ...context }) {
   changed.isIt = isChanged;
   useAgain(
     async (signal) => {
-      const { blob, values } = await api.picture(`${path}.jpg?${new URLSearchParams({ range, width_px: WIDTH_PX })}`, {
-        signal,
-      });
+      const query = new URLSearchParams({ range, width_px: `${WIDTH_PX}` });
+      const { blob, values } = await api.picture(`${path}.jpg?${query}`, { signal });
       version.current ??= values.version;
       if (!range) choose(values.colour);
       const words =

@@ -7,12 +7,14 @@ export const SEVERITIES = ["info", "warning", "alarm", "safety"];
 const LOOKS = { info: "quiet", warning: "warning", alarm: "alarm", safety: "alarm" };
 
 /** `clipOf(unix_s)` knows where the clip of a moment is, or nothing. */
-export const Events = ({ events, unit, clipOf = () => "" }) => html`<ol class="list events">
+export const Events = ({ events, unit, clipOf = (_unix_s) => "" }) => html`<ol class="list events">
   ${events.map((event) => html`<${Event} key=${event.number} ...${event} in=${unit} clip=${clipOf(event.unix_s)} />`)}
 </ol>`;
 
+/** @param {Record<string, any>} event */
 export const whatHappened = ({ source, kind, by }) => `${source} ${kind.replaceAll("_", " ")}${by ? ` by ${by}` : ""}`;
 
+/** @param {Record<string, any>} props */
 const Event = ({ in: unit, clip, ...event }) => html`<li class="event">
   <span class=${`mark is-${LOOKS[event.severity]}`} title=${event.severity} />
   <strong>${whatHappened(event)}</strong>
@@ -22,6 +24,7 @@ const Event = ({ in: unit, clip, ...event }) => html`<li class="event">
   <span class="sr">(${event.severity})</span>
 </li>`;
 
-/** Why it happened, without who did it: that is said above it. */
+/** Why it happened, without who did it: that is said above it.
+ *  @param {Record<string, any>} event */
 const why = ({ reason, by }) =>
   by && reason?.startsWith(`by ${by}`) ? reason.slice(3 + by.length).replace(/^: /, "") : reason;

@@ -1,5 +1,6 @@
 // The live page: what the camera sees with its distance, what the rules do about it; the rest is folded until wanted.
 
+import { api } from "../../api.js";
 import * as format from "../../format.js";
 import { Fold, html, Select, useEffect, useKept, useRef, useSnapshot, useState } from "../../ui.js";
 import { Chart as Drawn, TimelineChart } from "../timeline/chart.js";
@@ -25,7 +26,7 @@ export const View = (context) => html`<h1 class="sr">Live</h1>
   </div>`;
 
 function Told(context) {
-  const { live, unit, api } = context;
+  const { live, unit } = context;
   const snapshot = useSnapshot(live);
   if (!snapshot) return html`<p class="panel quiet">The rules and the outputs of the run stand here.</p>`;
   const { rules, outputs, run, figures, messenger, health, recording } = snapshot;
@@ -58,6 +59,7 @@ function Told(context) {
 const Remembered = ({ name, words, in: unit, ...figure }) => html`<li><strong>${name}</strong>${" "}
   <span class="number">${inUnit(figure, unit)}</span> <span class="quiet">${words}</span></li>`;
 
+/** @param {Record<string, any>} figure */
 const inUnit = ({ value, unit: si }, unit) =>
   value === null
     ? "not known"

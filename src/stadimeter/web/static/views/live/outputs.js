@@ -1,5 +1,6 @@
 // Each output as a meter: what it does, who commands it, and a test that lasts while a button is held.
 
+import { api } from "../../api.js";
 import * as format from "../../format.js";
 import { HoldButton } from "../../hold_button.js";
 import { html, useRef, useState } from "../../ui.js";
@@ -15,14 +16,14 @@ export const Outputs = ({ outputs, ...context }) => html`<section class="panel o
   </ul>
 </section>`;
 
-function Output({ output, unit, session, api }) {
+function Output({ output, unit, session }) {
   const { output: name, kind, fault } = output;
   return html`<li class="output">
     <h3>${name}</h3>
     ${kind === "level" ? levelMeter(output) : motionMeters(output, unit)}
     <p class="small quiet">${whoCommands(output, unit)}</p>
     ${fault && html`<p class="small fault">Out of order: ${fault}</p>`}
-    ${session.right === "operate" && html`<${Test} name=${name} kind=${kind} api=${api} />`}
+    ${session.right === "operate" && html`<${Test} name=${name} kind=${kind} />`}
   </li>`;
 }
 
@@ -54,7 +55,7 @@ function Meter({ name, part, words, isTwoSided = false }) {
   </div>`;
 }
 
-function Test({ name, kind, api }) {
+function Test({ name, kind }) {
   const [said, say] = useState("");
   const level = useRef();
   const path = `outputs/${encodeURIComponent(name)}/hold`;

@@ -1,5 +1,6 @@
 // The camera's picture with what was found in it and its distance, all of the same moment. An old one says that it is.
 
+import { api } from "../../api.js";
 import * as format from "../../format.js";
 import { Badge, Button, html, useKept, useLayoutEffect, useRef, useSnapshot, useState } from "../../ui.js";
 
@@ -33,7 +34,7 @@ export function Tools({ snapshot, ...context }) {
     return html`<${Button} key=${name} onclick=${() => open(table)}>${words}<//>`;
   };
   return html`<div class="row">
-      ${canOperate && html`<${Record} recording=${snapshot.recording} api=${context.api} say=${context.say} />`}
+      ${canOperate && html`<${Record} recording=${snapshot.recording} say=${context.say} />`}
       ${colours.map(colour)}
       <label class="row check"><input type="checkbox" checked=${isWanted}
         onchange=${(event) => keep(event.target.checked ? "yes" : "no")} />Show what was refused</label>
@@ -112,7 +113,7 @@ function Refused({ found, unit }) {
 }
 
 /** Begins a recording, or ends the one that goes on. */
-export function Record({ recording, api, say, done = () => {}, ...rest }) {
+export function Record({ recording, say, done = () => {}, ...rest }) {
   const press = async () => {
     const wish = recording ? "stop" : "start"; // the run may say that it has stopped before it answers
     try {

@@ -1,5 +1,6 @@
 // Each rule with its state and the sentence that says why it acts, or why not; and what an operator may do about it.
 
+import { api } from "../../api.js";
 import { ask, askedBy } from "../../dialog.js";
 import * as format from "../../format.js";
 import { lookOf, stateInWords } from "../../states.js";
@@ -84,7 +85,7 @@ export function Actions({ rule, ...context }) {
 const inUnit = ({ value, unit }) => `${Number(value.toPrecision(6))} ${unit}`;
 
 /** The thresholds of a rule that can be set, as fields. */
-async function thresholdFields(rule, api) {
+async function thresholdFields(rule) {
   const found = Object.entries((await api.get("status")).rules.find((each) => each.rule === rule)?.thresholds ?? {});
   if (!found.length) throw new Error(`${rule} has no threshold that can be set.`);
   const [[, only]] = found;
@@ -97,13 +98,14 @@ async function thresholdFields(rule, api) {
 }
 
 /** Ask who and why, do it, and say what came of it. Without a rule it means every one that it applies to. */
-export async function act(op, rule, { api, say }) {
+/** @param {string} op @param {Record<string, any>} rule @param {Record<string, any>} context */
+export async function act(op, rule, { say }) {
   const [label, words] = ACTIONS[op];
   const about = op === "reset" && rule.counts && rule.status !== "latched" ? "It counts anew, from nothing." : words;
   const name = rule?.rule ?? "";
   try {
     const fields = [
-      ...(op === "set-threshold" ? await thresholdFields(name, api) : []),
+      ...(op === "set-threshold" ? await thresholdFields(name) : []),
       op === "shelve" && { name: "for_s", label: "For how long", options: SPANS, value: "1800" },
       op === "shelve" && { name: "one_shot", label: "Ends early", options: ONE_SHOT, value: "" },
       ...askedBy(),

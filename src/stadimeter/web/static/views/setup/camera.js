@@ -1,12 +1,13 @@
 // The camera: those that are there, with a picture of each; the one that is chosen is shown live, with its exposure.
 
+import { api } from "../../api.js";
 import { Button, html, Model, Photo, useEffect, useModel, useRef } from "../../ui.js";
 import { Choices } from "./form.js";
 
 const SETTLED_MS = 500;
 
 export function Widget({ step }) {
-  const cameras = useModel(Cameras, { step, api: step.api });
+  const cameras = useModel(Cameras, { step });
   useEffect(() => cameras.lookThroughAll(), []);
   useEffect(() => cameras.choose(step.answer), [step.answer]);
   const look = ({ answer }) => {
@@ -58,8 +59,8 @@ class Cameras extends Model {
   }
 
   async #look(camera) {
-    const { width_px, height_px } = await this.api.post("setup/camera", { camera });
-    const { blob } = await this.api.picture("setup/picture.jpg?draw=plain&width_px=320");
+    const { width_px, height_px } = await api.post("setup/camera", { camera });
+    const { blob } = await api.picture("setup/picture.jpg?draw=plain&width_px=320");
     return { blob, size: `${width_px} × ${height_px} pixels` };
   }
 
@@ -77,7 +78,7 @@ class Cameras extends Model {
     this.#inTurn(async () => {
       if (isOld()) return;
       try {
-        const told = await this.api.post("setup/camera", { camera: answer, ...exposure });
+        const told = await api.post("setup/camera", { camera: answer, ...exposure });
         if (isOld()) return;
         if (exposure) this.step.set((this.#chosen = told.answer));
         this.put({ told });

@@ -1,5 +1,6 @@
 // The colour of a ball: click on it, look at the mask, move its sliders, and click again in another light.
 
+import { api } from "../../api.js";
 import { ColourSliders } from "../../colour_sliders.js";
 import { latest } from "../../latest.js";
 import { Button, html, Model, useEffect, useModel } from "../../ui.js";
@@ -67,7 +68,7 @@ class Colour extends Model {
     const { step } = this;
     step.put({ isWaiting: true });
     try {
-      this.answer = await step.api.post("setup/colour", args);
+      this.answer = await api.post("setup/colour", args);
       if (signal.aborted) return;
       if (args.range === undefined || args.range === step.answer) step.set(this.answer.range);
       if (args.clicks) setTimeout(() => ((this.#clicks = []), this.#mark()), MARKED_MS);

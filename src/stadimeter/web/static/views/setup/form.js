@@ -4,9 +4,9 @@ import { Button, Field, html, inCode, Model, useModel, useRef } from "../../ui.j
 
 /** The form of the question that is asked. A kind of question has a `Widget` of its `step`, which stands above the answer
  *  as text, and `wayOf(step)`: `{goes, busy, Below}`, the words of the way on, and what stands below it. */
-export function Form({ setup, kind: { Widget = Choices, draw, wayOf = () => ({}) } }) {
+export function Form({ setup, kind: { Widget = Choices, draw, wayOf = (_step) => ({}) } }) {
   const { question, doubt, answers } = setup.state;
-  const step = useModel(Step, { setup, api: setup.api, question, answer: question.ready });
+  const step = useModel(Step, { setup, question, answer: question.ready });
   const { goes = "Go on", busy = "One moment …", Below } = wayOf(step);
   const way = step.isDoubted ? "Use it all the same" : goes;
   const isInWords = Widget === Choices && !question.options.length;

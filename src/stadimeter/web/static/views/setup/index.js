@@ -1,5 +1,6 @@
 // Set-up: one question at a time, with the picture beside it. The questions are those of `stadimeter init`.
 
+import { api } from "../../api.js";
 import { ask } from "../../dialog.js";
 import { Button, html, inCode, Model, useEffect, useModel, useRef, useState } from "../../ui.js";
 import { Room } from "../live/room.js";
@@ -19,7 +20,7 @@ const KINDS = {
 const nameOf = ({ done, question }) => (done ? "done" : question.kind || question.key);
 
 export function View(context) {
-  const setup = useModel(SetUp, { context, api: context.api, unit: context.unit });
+  const setup = useModel(SetUp, { context, unit: context.unit });
   const root = useRef();
   useEffect(() => void setup.open(), []);
   useEffect(() => {
@@ -72,7 +73,7 @@ function Failed({ error, again }) {
 const capital = (words) => words[0].toUpperCase() + words.slice(1);
 
 /** The simulated room, whose ball is moved as by a hand. */
-function Ball({ room, api, ...context }) {
+function Ball({ room, ...context }) {
   const [place, put] = useState(room);
   const send = async ({ x_m, y_m }) => put(await api.post("setup/world", { x_m, y_m }));
   const world = { targets: [{ name: "ball", ...place }], faults: {} };
@@ -104,7 +105,7 @@ class SetUp extends Model {
     document.addEventListener("visibilitychange", this.isBack);
     this.put({ failed: null, isLooking: !anew }); // what begins anew closes the camera
     try {
-      const state = await this.api.get("setup");
+      const state = await api.get("setup");
       await this.show(state.begun && !anew ? state : await this.#begin(anew));
     } catch (error) {
       this.put({ failed: { error, again: () => this.open() } });
@@ -122,7 +123,7 @@ class SetUp extends Model {
     Object.assign(this.#more, more);
     return this.#alone(async () => {
       const asked = this.state.question.key;
-      const send = (answer, question) => this.api.post("setup/answer", { answer, question, confirm: true });
+      const send = (answer, question) => api.post("setup/answer", { answer, question, confirm: true });
       let state = await send(text, asked);
       try {
         while (!state.doubt && state.question?.key !== asked && state.question?.key in this.#more) {
@@ -144,7 +145,7 @@ class SetUp extends Model {
     try {
       await this.#alone(async () => {
         let state = null;
-        for (let each = 0; each < count; each += 1) state = await this.api.post("setup/back");
+        for (let each = 0; each < count; each += 1) state = await api.post("setup/back");
         await this.show(state);
       });
     } catch (error) {
@@ -172,7 +173,7 @@ class SetUp extends Model {
 
   /** Take up what another device, or a pause, has changed; return whether the question is still the one shown. */
   async sync() {
-    let state = await this.api.get("setup");
+    let state = await api.get("setup");
     if (!state.begun) state = await this.#begin(false);
     if (this.#isOver) return false;
     const isSame = state.done === this.state.done && state.question?.key === this.state.question?.key;
@@ -183,6 +184,6 @@ class SetUp extends Model {
   }
 
   #begin(anew) {
-    return this.api.post("setup/begin", { anew });
+    return api.post("setup/begin", { anew });
   }
 }

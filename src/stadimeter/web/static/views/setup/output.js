@@ -1,5 +1,6 @@
 // An output: what it is, on which pin of the header, how it is wired; and a test of one that runs already.
 
+import { api } from "../../api.js";
 import { HoldButton } from "../../hold_button.js";
 import { latest } from "../../latest.js";
 import { Field, html, Photo, Select, useEffect, useRef, useSnapshot, useState } from "../../ui.js";
@@ -17,7 +18,7 @@ export function Widget({ step }) {
     async (signal, output) => {
       try {
         const path = `setup/wiring.svg?output=${encodeURIComponent(output)}`;
-        const { blob, values } = await step.api.picture(path, { signal });
+        const { blob, values } = await api.picture(path, { signal });
         know(values);
         setup.put({ aside: html`<${Circuit} blob=${blob} output=${output} notes=${values.notes} />` });
       } catch (error) {
@@ -58,7 +59,7 @@ function Circuit({ blob, output, notes }) {
 }
 
 /** The outputs of a run that is there, each to be tried while a button is held. */
-function Held({ live, api }) {
+function Held({ live }) {
   const snapshot = useSnapshot(live, 1000);
   const [said, say] = useState("");
   const levels = (snapshot?.outputs ?? []).filter(({ kind }) => kind === "level").map(({ output }) => output);

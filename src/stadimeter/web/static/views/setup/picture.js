@@ -1,5 +1,6 @@
 // The picture of the camera beside the questions: newest first, with what was found in it, and places to click on.
 
+import { api } from "../../api.js";
 import { distance } from "../../format.js";
 import { html, Photo, useAgain, useRef, useState } from "../../ui.js";
 
@@ -16,7 +17,7 @@ const SHAPES = {
  *  hears of it, `places.onValues(values)` of the values of each picture, and `places.marks` are shown:
  *  `[{x_px, y_px, label, kind}]`, in the pixels of the camera. Then what is found is said elsewhere. */
 export function Picture({ setup, draw = "target", places = null }) {
-  const { api, unit } = setup;
+  const { unit } = setup;
   const [shown, show] = useState({}); // `{blob, values}`, or why there is none: `{failed}`
   const [cross, put] = useState(null);
   const marks = useRef();

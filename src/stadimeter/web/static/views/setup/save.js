@@ -1,10 +1,10 @@
 // Save: what would be written and what changes, what `check` and the tests say; then save it, and run it.
 
+import { api } from "../../api.js";
 import { Difference } from "../../difference.js";
 import { Button, html, inCode, useEffect, useState } from "../../ui.js";
 
 export function Save({ setup }) {
-  const { api } = setup;
   const [made, show] = useState(null); // `{files, words, findings, tests, there}`
   const [failed, say] = useState("");
   const [isBusy, wait] = useState(false);
@@ -54,7 +54,7 @@ export function Save({ setup }) {
 
 /** Save, let go of the camera, and have the run go by it: started, reloaded or restarted, as the answer says. */
 async function saved(setup, { files, there }, runs) {
-  const { api, context } = setup;
+  const { context } = setup;
   const [configuration, ...others] = files;
   const { needs } = await api.put("configuration", {
     text: configuration.text,

@@ -41,6 +41,14 @@ export function Chart({ chart }) {
  * them the chart can only be read. `onread(unix_s)` returns what is at a moment in words, and at null, if none is read.
  */
 export class TimelineChart {
+  from_s = 0;
+  to_s = 1;
+  at_s = null;
+  unit;
+  onview;
+  onselect;
+  onread;
+  height;
   thresholds = [];
   rules = new Map();
   overlays = new Set();
@@ -50,12 +58,14 @@ export class TimelineChart {
   #isTaken = false;
   #drawn = 0;
 
+  /** @param {Record<string, any>} options */
   constructor({ unit, onread, onview = null, onselect = null, label = LABEL, height = PLOT }) {
-    Object.assign(this, { unit, onview, onselect, onread, height, from_s: 0, to_s: 1, at_s: null });
+    Object.assign(this, { unit, onview, onselect, onread, height });
     this.element = document.createElement("div");
-    const props = { class: "timeline-chart", tabindex: 0, role: "slider", "aria-valuemin": 0, "aria-valuenow": 0 };
-    for (const [name, value] of Object.entries({ ...props, "aria-label": label }))
-      this.element.setAttribute(name, value);
+    this.element.className = "timeline-chart";
+    this.element.tabIndex = 0;
+    const props = { role: "slider", "aria-valuemin": "0", "aria-valuenow": "0", "aria-label": label };
+    for (const [name, value] of Object.entries(props)) this.element.setAttribute(name, value);
     this.element.addEventListener("keydown", (event) => this.#key(event));
     this.scheme = matchMedia("(prefers-color-scheme: dark)");
     this.scheme.addEventListener("change", this.redraw);
@@ -110,7 +120,7 @@ export class TimelineChart {
       grid: { stroke: () => this.#colour("line"), width: 1 },
       ticks: { show: false },
     };
-    this.plot = new uPlot(
+    this.plot = new /** @type {any} */ (uPlot)(
       {
         ...this.#size(),
         bands,
@@ -267,7 +277,7 @@ export class TimelineChart {
 
   #read(unix_s) {
     const words = this.onread(unix_s);
-    this.element.setAttribute("aria-valuenow", Math.round(unix_s ?? this.to_s));
+    this.element.setAttribute("aria-valuenow", `${Math.round(unix_s ?? this.to_s)}`);
     this.element.setAttribute("aria-valuetext", words);
   }
 
@@ -296,8 +306,9 @@ export class TimelineChart {
       this.#moved += Math.abs(clientX - was);
       this.#pointers.set(pointerId, clientX);
       const { left, width } = this.area.getBoundingClientRect();
-      const [one, two] = this.#pointers.values();
-      if (before.length > 1) this.zoom(apart(before) / apart([one, two]), ((one + two) / 2 - left) / width);
+      const after = [...this.#pointers.values()];
+      const [one, two] = after;
+      if (before.length > 1) this.zoom(apart(before) / apart(after), ((one + two) / 2 - left) / width);
       else if (this.#moved > TAP_PX) this.scroll((was - clientX) / width);
     } else {
       this.#pointers.delete(pointerId);
@@ -322,12 +333,14 @@ export class TimelineChart {
   }
 }
 
+/** @param {number[]} places */
 const apart = ([one, two]) => Math.max(10, Math.abs(one - two));
 
 const faint = (colour, share) => `color-mix(in srgb, ${colour} ${share * 100}%, transparent)`;
 
 /** Times of this device's clock: with seconds where they differ, and the date where a day begins; none is cut off. */
 function timeLabels(plot, times, __, ___, step_s) {
+  /** @type {Intl.DateTimeFormatOptions} */
   const clock = { hour: "2-digit", minute: "2-digit", ...(step_s < 60 && { second: "2-digit" }) };
   return times.map((unix_s) => {
     const at = new Date(unix_s * 1000);

@@ -14,16 +14,8 @@ export function dataOf({ from_s, step_s, count, targets, lanes, events }, { hist
   for (const [name, samples] of Object.entries(history.samples)) {
     const found = kept.get(name) ?? Object.fromEntries(FIGURES.map((key) => [key, Array(count).fill(null)]));
     const end = found.mean_m.findLastIndex((each) => each !== null) + 1;
-    kept.set(
-      name,
-      withLive(
-        found,
-        samples.map(([at_s, ...rest]) => [Math.floor((at_s + ahead_s - from_s) / step_s), ...rest]),
-        end,
-        count,
-        GAP_S / step_s,
-      ),
-    );
+    const steps = samples.map(([at_s, ...rest]) => [Math.floor((at_s + ahead_s - from_s) / step_s), ...rest]);
+    kept.set(name, withLive(found, steps, end, count, GAP_S / step_s));
   }
   const newest_s = events.at(-1)?.unix_s ?? 0;
   const fresh = history.events.filter(({ unix_s }) => unix_s > newest_s + 0.5).toReversed();

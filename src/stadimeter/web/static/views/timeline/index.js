@@ -1,5 +1,6 @@
 // The timeline: hours of distances, states of rules, events and clips; a click says what there is to know of a moment.
 
+import { api } from "../../api.js";
 import { latest } from "../../latest.js";
 import { Button, html, Model, useEffect, useModel } from "../../ui.js";
 import { Moment } from "../replay.js";
@@ -84,10 +85,8 @@ class Timeline extends Model {
     const leave = this.live.subscribe((snapshot) => this.#update(snapshot), { image: false });
     this.showLast(DAY_S).then(() => {
       const since_s = Date.now() / 1000 - beginOf(this.#answer ?? {});
-      const span_s =
-        Object.keys(SPANS)
-          .map(Number)
-          .find((each) => each >= since_s) ?? DAY_S;
+      const spans = Object.keys(SPANS).map(Number);
+      const span_s = spans.find((each) => each >= since_s) ?? DAY_S;
       if (span_s < DAY_S && this.shows(DAY_S)) this.showLast(span_s);
     });
     return leave;
@@ -141,9 +140,9 @@ class Timeline extends Model {
     const { from_s, to_s, element } = this.chart;
     const beside_s = MARGIN * (to_s - from_s);
     const points = Math.round(Math.min(POINTS_MAX, (element.clientWidth || 1000) * (1 + 2 * MARGIN)));
-    const query = new URLSearchParams({ from: Math.max(0, from_s - beside_s), to: to_s + beside_s, points });
     try {
-      this.#answer = await this.api.get(`timeline?${query}`, { signal });
+      const view = `from=${Math.max(0, from_s - beside_s)}&to=${to_s + beside_s}`;
+      this.#answer = await api.get(`timeline?${view}&points=${points}`, { signal });
       element.dataset.step = this.#answer.step_s;
       this.#draw();
     } catch (error) {
@@ -157,7 +156,7 @@ class Timeline extends Model {
   /** Clips and thresholds, once the view has come to rest: the server answers one question after the other. */
   async loadMarks() {
     const { from_s, step_s, count } = this.#answer ?? { from_s: 0, step_s: 1, count: 1 };
-    const found = await this.api.get(`timeline/marks?from=${from_s}&to=${from_s + step_s * count}`).catch(() => null);
+    const found = await api.get(`timeline/marks?from=${from_s}&to=${from_s + step_s * count}`).catch(() => null);
     if (found) this.#marks = found;
     this.chart.thresholds = this.#marks.thresholds;
     this.teaching?.know(this.#marks.thresholds);
@@ -172,7 +171,7 @@ class Timeline extends Model {
   async #explain(unix_s) {
     const moment = { unix_s };
     this.put({ moment });
-    const found = await this.api.get(`timeline/moment?at=${unix_s}`).then(
+    const found = await api.get(`timeline/moment?at=${unix_s}`).then(
       (told) => ({ told }),
       (error) => ({ failed: error.message }),
     );

@@ -1,5 +1,6 @@
 // An alarm that fired wrongly, mended on its chart: drag its threshold, or mark what it should have done; then save it.
 
+import { api } from "../../api.js";
 import { latest } from "../../latest.js";
 import { Button, html, Model, Select, useRef } from "../../ui.js";
 import { Saved } from "../edit/saving.js";
@@ -34,7 +35,7 @@ export function WhatIf({ teaching }) {
       <${Button} kind="primary" disabled=${!teaching.canSave} onclick=${() => teaching.save()}>Save with its test<//>
       <${Button} onclick=${anew}>Undo<//></div>
     <div role="status">
-      ${saved && html`<${Saved} key=${saved.version} ...${saved} api=${view.api} say=${view.say} />`}</div>
+      ${saved && html`<${Saved} key=${saved.version} ...${saved} say=${view.say} />`}</div>
   </section>`;
 }
 
@@ -59,7 +60,7 @@ function Setting({ name, teaching }) {
     <input type="number" min="0" step="any" aria-label=${name} value=${shown} onchange=${put} ref=${number} /></label>`;
 }
 
-/** `view` is the timeline: its `api`, `unit`, `say`, `chart`, and `loadMarks()` for thresholds anew. */
+/** `view` is the timeline: its `unit`, `say`, `chart`, and `loadMarks()` for thresholds anew. */
 export class Teaching extends Model {
   rules = [];
   rule = "";
@@ -105,6 +106,7 @@ export class Teaching extends Model {
     return this.#try();
   }
 
+  /** @param {Record<string, any>} moment @param {boolean} fire */
   async mark({ unix_s, told: { held_by, since_s } = {} }, fire) {
     if (!this.rule) await this.view.loadMarks();
     if (!this.rule) return this.view.say("None of the rules is an alarm on a distance.", "error");
@@ -137,8 +139,9 @@ export class Teaching extends Model {
       ({ began_unix_s, from_s, to_s }) => began_unix_s + from_s <= unix_s && unix_s <= began_unix_s + to_s,
     );
 
+  /** @param {"tune" | "settings"} op @returns {Promise<any>} */
   #post = (op, body, options) =>
-    this.view.api.post(`rules/${encodeURIComponent(this.rule)}/${op}`, { at_s: this.#moments(), ...body }, options);
+    api.post(`rules/${encodeURIComponent(this.rule)}/${op}`, { at_s: this.#moments(), ...body }, options);
 
   /** Ask what would have been. */
   #try = (...unix_s) => this.#ask({ changes: this.changes, at_s: [...this.#moments(), ...unix_s], for_s: FOR_S });
