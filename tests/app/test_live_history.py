@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.app.live.history import EVENTS_MAX, WINDOW_S, RunHistory
 from stadimeter.core.decision import Event, EventKind, Severity
@@ -42,6 +43,15 @@ def test_the_newest_event_comes_first_and_old_ones_go():
     for number in range(0, 1000, 2):
         history.add(cycle_record(float(number), events=(event(number), event(number + 1))))
     assert [one.sequence for one in history.events] == list(range(999, 999 - EVENTS_MAX, -1))
+
+
+def test_an_event_keeps_its_time_by_the_computers_clock_when_a_stepped_clock_falls_behind():
+    real_s = 100.0
+    history = RunHistory(lambda: real_s)
+    history.add(cycle_record(1.0, events=(replace(event(0), at_s=1.0),)))
+    real_s = 107.0
+    unix_s = history.wall_clock(2.0, 1_000_007.0)
+    assert (unix_s(1.0), unix_s(1.5)) == (1_000_000.0, 1_000_006.5)
 
 
 def test_the_rate_and_the_age_are_those_of_frames_not_of_cycles():

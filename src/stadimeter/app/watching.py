@@ -77,7 +77,6 @@ class _Moment(Struct, frozen=True, kw_only=True):
     number: int
     snapshot: RunSnapshot
     shared: Mapping[str, Any]
-    unix_offset_s: float
 
 
 class _Subscription(Struct, eq=False):
@@ -196,7 +195,7 @@ class Subscriptions(Struct):
             jpeg = self._pictures.jpeg(seen, to.args.image, to.args.quality) if seen is not None and is_new else b""
         to.frame = seen.frame if seen is not None else None
         new = [each for each in snapshot.events if each.sequence > to.after_event]
-        events = events_data(reversed(new[: FIRST_EVENTS_MAX if to.after_event < 0 else None]), moment.unix_offset_s)
+        events = events_data(reversed(new[: FIRST_EVENTS_MAX if to.after_event < 0 else None]), self.feed.wall_clock())
         samples = {name: newer(found, to.after_s) for name, found in snapshot.samples.items()}
         to.after_event = max((each.sequence for each in new), default=to.after_event)
         to.after_s = max((found[-1].at_s for found in samples.values() if found), default=to.after_s)
@@ -209,7 +208,7 @@ class Subscriptions(Struct):
         if self._moment is None or self._moment.number != self._number:
             snapshot, offset_s = self.feed.snapshot(), self.feed.unix_offset_s()
             shared = shared_data(snapshot, self._number, self.feed.clock.now_s(), offset_s)
-            self._moment = _Moment(number=self._number, snapshot=snapshot, shared=shared, unix_offset_s=offset_s)
+            self._moment = _Moment(number=self._number, snapshot=snapshot, shared=shared)
         return self._moment
 
 
@@ -315,15 +314,18 @@ def _answer_alarms(state: State | None, history: RunHistory, answer: Answer) -> 
     if state is None or history.record is None or state.now_s is None:
         answer(Reply(error="no cycle yet"))
         return
-    offset_s, decision, events = time.time() - state.now_s, history.record.decision, tuple(history.events)
-    told = events_data(events, offset_s)
-    answer(lambda: Reply({"alarms": _alarms(state, decision, events, offset_s), "events": told}))
+    decision, events = history.record.decision, tuple(history.events)
+    unix_s = history.wall_clock(state.now_s, time.time())
+    told = events_data(events, unix_s)
+    answer(lambda: Reply({"alarms": _alarms(state, decision, events, unix_s), "events": told}))
 
 
-def _alarms(state: State, decision: Decision, events: tuple[Event, ...], offset_s: float) -> list[dict[str, Any]]:
+def _alarms(
+    state: State, decision: Decision, events: tuple[Event, ...], unix_s: Callable[[float], float]
+) -> list[dict[str, Any]]:
     newest = {(event.source, event.kind): event.at_s for event in reversed(events)}
     alarms = [
-        _alarm(rule, step, newest, offset_s) | {"reason": decision.reasons.get(rule.name, "")}
+        _alarm(rule, step, newest, unix_s) | {"reason": decision.reasons.get(rule.name, "")}
         for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)
         if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep)
     ]
@@ -331,7 +333,7 @@ def _alarms(state: State, decision: Decision, events: tuple[Event, ...], offset_
 
 
 def _alarm(
-    rule: AlarmRule, step: AlarmStep, newest: Mapping[tuple[str, EventKind], float], offset_s: float
+    rule: AlarmRule, step: AlarmStep, newest: Mapping[tuple[str, EventKind], float], unix_s: Callable[[float], float]
 ) -> dict[str, Any]:
     """Return an alarm as JSON has it.
 
@@ -339,8 +341,8 @@ def _alarm(
         newest: When each rule last had an event of each kind, of those that are remembered, on the run's clock.
     """
 
-    def unix_s(at_s: float | None) -> float | None:
-        return None if at_s is None or math.isnan(at_s) else round(at_s + offset_s, 3)
+    def rounded(at_s: float | None) -> float | None:
+        return None if at_s is None or math.isnan(at_s) else round(unix_s(at_s), 3)
 
     record = step.record
     acknowledged = record.acknowledgement or Acknowledgement(at_s=math.nan)
@@ -353,10 +355,10 @@ def _alarm(
         "status": step.trace.status.value,
         "acknowledged": step.trace.acknowledged,
         "inhibits": step.trace.inhibits,
-        "raised_unix_s": unix_s(raised_s if record.raised_at_s is None else record.raised_at_s),
-        "cleared_unix_s": unix_s(over_s if cleared_s is None else cleared_s),
+        "raised_unix_s": rounded(raised_s if record.raised_at_s is None else record.raised_at_s),
+        "cleared_unix_s": rounded(over_s if cleared_s is None else cleared_s),
         "acknowledged_by": acknowledged.by,
-        "acknowledged_unix_s": unix_s(acknowledged.at_s),
+        "acknowledged_unix_s": rounded(acknowledged.at_s),
         "why": acknowledged.why,
         "count": record.raises,
         "severity": rule.severity.value,

@@ -78,6 +78,7 @@ class RunHistory(Struct):
         dropped_frames: How many frames the camera delivered that no cycle took, since the start.
         track_statuses: For each target, how many frames it spent in each status.
         event_counts: How many events of each kind.
+        event_times_s: When each of the newest events was, on the clock of `time.monotonic`, by its time of the run.
         cycle_times_s: For the newest cycles with a frame, the computing time without waiting for the frame.
         data_ages_s: The age of their data when their commands had been applied.
         cycle_times_sum_s: Of all cycles with a frame; so is `data_ages_sum_s`.
@@ -95,6 +96,7 @@ class RunHistory(Struct):
     dropped_frames: int = 0
     track_statuses: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     event_counts: Counter[str] = field(default_factory=Counter)
+    event_times_s: dict[float, float] = field(default_factory=dict)
     cycle_times_s: deque[float] = field(default_factory=lambda: deque(maxlen=TIMES_MAX))
     data_ages_s: deque[float] = field(default_factory=lambda: deque(maxlen=TIMES_MAX))
     cycle_times_sum_s: float = 0.0
@@ -125,6 +127,9 @@ class RunHistory(Struct):
         for event in record.decision.events:
             self.events.appendleft(event)
             self.event_counts[event.kind.value] += 1
+            self.event_times_s[event.at_s] = self.cycle_at_s
+        while len(self.event_times_s) > EVENTS_MAX:
+            del self.event_times_s[next(iter(self.event_times_s))]
 
     @property
     def frame_rate_hz(self) -> float:
@@ -149,6 +154,19 @@ class RunHistory(Struct):
         if stamp is None or self.record is None:
             return None
         return max(0.0, self.record.observation.now_s - stamp.captured_at_s)
+
+    def wall_clock(self, now_s: float, unix_now_s: float) -> Callable[[float], float]:
+        """Return what gives moments of the run by the computer's clock, of which both show these times now.
+
+        A run on a stepped clock may have fallen behind since: when an event was, is remembered.
+        """
+        real_now_s = self.real_time_s()
+
+        def unix_s(at_s: float) -> float:
+            real_s = self.event_times_s.get(at_s)
+            return unix_now_s - (now_s - at_s if real_s is None else real_now_s - real_s)
+
+        return unix_s
 
     def samples_after(self, at_s: float) -> Mapping[str, Sequence[DistanceSample]]:
         """Return the distances of each target after a time, oldest first."""

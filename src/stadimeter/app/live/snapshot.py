@@ -164,6 +164,10 @@ class LiveFeed(Struct):
         """Return the time by which the computer's clock is ahead of the run's."""
         return self.unix_time_s() - self.clock.now_s()
 
+    def wall_clock(self) -> Callable[[float], float]:
+        """Return what gives moments of the run by the computer's clock."""
+        return self.history.wall_clock(self.clock.now_s(), self.unix_time_s())
+
 
 # A snapshot as JSON has it -------------------------------------------------------------------------
 #
@@ -207,9 +211,21 @@ def shared_data(snapshot: RunSnapshot, number: int, now_s: float, unix_offset_s:
     }
 
 
-def events_data(events: Iterable[Event], unix_offset_s: float) -> list[dict[str, Any]]:
-    """Return events as JSON has them; `unix_offset_s` is what the computer's clock is ahead of the run's."""
-    return [_event(each, unix_offset_s) for each in events]
+def events_data(events: Iterable[Event], unix_s: Callable[[float], float]) -> list[dict[str, Any]]:
+    """Return events as JSON has them; `unix_s` returns when a moment of the run was by the computer's clock."""
+    return [
+        {
+            "number": event.sequence,
+            "at_s": _rounded(event.at_s),
+            "unix_s": _rounded(unix_s(event.at_s)),
+            "kind": event.kind.value,
+            "source": event.source,
+            "severity": event.severity.value,
+            "reason": event.reason,
+            "by": event.by,
+        }
+        for event in events
+    ]
 
 
 def samples_data(samples: Mapping[str, Iterable[DistanceSample]]) -> dict[str, Any]:
@@ -384,19 +400,6 @@ def _health(snapshot: RunSnapshot) -> dict[str, Any]:
         "trouble": health.trouble,
         "mounting": health.mounting.status.value if health.mounting is not None else None,
         "notes": [note._asdict() for note in health.notes],
-    }
-
-
-def _event(event: Event, unix_offset_s: float) -> dict[str, Any]:
-    return {
-        "number": event.sequence,
-        "at_s": _rounded(event.at_s),
-        "unix_s": _rounded(event.at_s + unix_offset_s),
-        "kind": event.kind.value,
-        "source": event.source,
-        "severity": event.severity.value,
-        "reason": event.reason,
-        "by": event.by,
     }
 
 
