@@ -1,26 +1,17 @@
-"""The obstacles that keep a valid configuration from running on this computer, as the user of the service sees it.
-
-Root may read every file and open every device, the user of the service may not.
-"""
+"""The obstacles that keep a valid configuration from running on this computer, as its user sees it."""
 
 from __future__ import annotations
 
-import grp
 import os
-import pwd
-import re
-import sys
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from collections.abc import Iterator
 from glob import has_magic, iglob
 from pathlib import Path
 
 from pydantic import BaseModel
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.places import SERVICE_STATE
-from stadimeter.config.extras import PACKAGED, missing
+from stadimeter.config.extras import missing
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import ReportsLacks
@@ -87,61 +78,3 @@ def _why_not_built(configuration: Configuration) -> tuple[Problem, ...]:
         words = f"`stadimeter run` refuses this: {error}"
         return (Problem(words, file=str(configuration.path), code="will-not-run"),)
     return ()
-
-
-SERVICE_USER = "stadimeter"
-CONFIGURATIONS = Path("/etc/stadimeter")
-UNITS = ("usr/lib/systemd/system", "etc/systemd/system")
-
-
-def become_service_user(configuration: Path) -> Path | None:
-    """Go on as the user of the service, for good, if root looks at a configuration of the packaged service.
-
-    What the environment says of folders becomes that of the service, too: it cannot even look into root's home.
-
-    Returns:
-        The configuration, by a path that does not begin in this folder, which may be root's; None if the user stays.
-    """
-    if os.geteuid() != 0 or not sys.prefix.startswith(PACKAGED):
-        return None
-    place = configuration.resolve()
-    if not place.is_relative_to(CONFIGURATIONS):
-        return None
-    try:
-        become(SERVICE_USER, groups_of_service())
-    except KeyError:  # there is no such user
-        return None
-    os.environ["STATE_DIRECTORY"] = str(SERVICE_STATE)
-    return place
-
-
-def become(user: str, groups: Iterable[str]) -> None:
-    """Go on as a user with these groups besides its own, for good. Only root may.
-
-    Raises:
-        KeyError: There is no such user.
-    """
-    entry = pwd.getpwnam(user)
-    ids = {entry.pw_gid, *os.getgrouplist(user, entry.pw_gid)}
-    for group in groups:
-        with suppress(KeyError):  # the service does not start then, which systemd says
-            ids.add(grp.getgrnam(group).gr_gid)
-    os.setgroups(sorted(ids))
-    os.setgid(entry.pw_gid)
-    os.setuid(entry.pw_uid)
-    for name in [name for name in os.environ if name.startswith("XDG_")]:
-        del os.environ[name]
-    os.environ |= {"HOME": entry.pw_dir, "USER": user, "LOGNAME": user}
-
-
-def groups_of_service(root: Path = Path("/")) -> tuple[str, ...]:
-    """Return the supplementary groups of the unit and its drop-ins, which decide which devices it may open."""
-    units = [root / folder / "stadimeter.service" for folder in UNITS]
-    files = [unit for unit in units if unit.exists()][-1:]  # that of the administrator stands for that of the package
-    files += [path for folder in UNITS for path in sorted((root / folder / "stadimeter.service.d").glob("*.conf"))]
-    found: list[str] = []
-    for file in files:
-        with suppress(OSError):
-            for line in re.findall(r"^SupplementaryGroups=(.*)$", file.read_text("utf-8", "replace"), re.MULTILINE):
-                found = [*found, *line.split()] if line.strip() else []
-    return tuple(dict.fromkeys(found))

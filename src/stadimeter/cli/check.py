@@ -14,7 +14,7 @@ from rich.text import Text
 
 from stadimeter.app.exact_json import plain
 from stadimeter.app.feasibility import feasibility_warnings
-from stadimeter.app.this_computer import SERVICE_USER, become_service_user, warnings_here
+from stadimeter.app.this_computer import warnings_here
 from stadimeter.cli.exits import MAX_SHOWN, WRONG, ConfigArgument, configuration_path, plain_errors
 from stadimeter.config.describe import describe
 from stadimeter.config.files import CONFIGURATION_MAX_BYTES, is_file, read_untrusted_text
@@ -71,8 +71,6 @@ def check(
         return
     with plain_errors():
         path = configuration_path(config)
-    of_service = become_service_user(path)
-    path, user = of_service or path, f" by the user {SERVICE_USER}" if of_service else ""
     try:
         configuration = load_configuration(path)
     except ConfigError as error:
@@ -80,7 +78,7 @@ def check(
         raise typer.Exit(WRONG) from error
     here = () if elsewhere else warnings_here(configuration)
     warnings = _in_order((*configuration.warnings, *feasibility_warnings(configuration), *here))
-    _report_success(configuration, warnings, user, is_lacking=bool(here), as_json=as_json)
+    _report_success(configuration, warnings, is_lacking=bool(here), as_json=as_json)
     if strict and warnings:
         raise typer.Exit(WARNED)
 
@@ -99,7 +97,7 @@ def _report_errors(config: Path, error: ConfigError, *, as_json: bool) -> None:
 
 
 def _report_success(
-    configuration: Configuration, warnings: tuple[Problem, ...], user: str, *, is_lacking: bool, as_json: bool
+    configuration: Configuration, warnings: tuple[Problem, ...], *, is_lacking: bool, as_json: bool
 ) -> None:
     sentences = (*describe(configuration), *_set_thresholds(configuration))
     if as_json:
@@ -113,7 +111,7 @@ def _report_success(
         console.print(text)
     count = f", with {_count_of(len(warnings), 'warning')}" if warnings else ""
     here = ", but not on this computer, which lacks what is named above" if is_lacking else ""
-    words = f"{configuration.path} can be used{user}{count}{here}"
+    words = f"{configuration.path} can be used{count}{here}"
     console.print(Text(words, "bold yellow" if is_lacking else "bold green"))
 
 

@@ -6,14 +6,13 @@ cut, takes a memory card up to half a second, so it is a call of its own (``sync
 would flush three times and rewrite pages in place, which wears out a memory card sooner. The lock is exclusive: two
 runs on one file would take turns in forgetting what the other remembers.
 
-Bytes that a failing card has flipped are noticed by SQLite's own check and by a checksum over everything that is
-remembered. What is damaged, or of a later version, is put aside under another name, for inspection.
+All of it is one table of keys and values as JSON. Bytes that a failing card has flipped are noticed by SQLite's own
+check and by a checksum over all rows. What is damaged, or of a later version, is put aside under another name, for
+inspection.
 
 SQLite writes to what it opens, and makes files beside it. So the first bytes are read here, and a file that is not ours
-is never opened. Reading them blocks on nothing, whatever has the name: a folder, a pipe or a device is no state file.
-The bytes of a file may come from anywhere, and the libraries that read them raise whatever they like: an error of
-SQLite, text that is not UTF-8, a value of another type, no memory. So whatever is raised while reading means the same,
-and the file's size and the length of a value are bounded.
+is never opened. The libraries that read a damaged file raise whatever they like: an error of SQLite, text that is not
+UTF-8, a value of another type. So whatever is raised while reading means the same.
 """
 
 from __future__ import annotations
@@ -22,11 +21,9 @@ import hashlib
 import json
 import os
 import sqlite3
-import stat
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
-from enum import Enum, auto
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -34,19 +31,16 @@ from typing import Any
 from stadimeter.app.deliveries import Undelivered
 from stadimeter.app.exact_json import decode, encode
 from stadimeter.app.persistence.resumption import ClockReading, Memory
-from stadimeter.config.files import rename_to_free_name
+from stadimeter.config.files import open_untrusted, rename_to_free_name
 from stadimeter.core.alarms.machine import keep_thresholds
 from stadimeter.core.message import Message, Notification
 from stadimeter.core.persistence import Absence, AlarmSnapshot
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.words import figure_in_words
-from stadimeter.errors import StateError
+from stadimeter.errors import StateError, UnreadableError
 
 # Says whose file it is: ``Stad``.
 APPLICATION_ID = 0x53746164
-
-# A full state file has about 2 MiB, with the longest texts ten. What is larger we did not write, and do not read.
-SIZE_MAX = 32 * 2**20
 
 # What SQLite keeps beside a file.
 BESIDE = ("-wal", "-shm", "-journal")
@@ -56,57 +50,45 @@ _HEADER_BYTES = 100
 _MAGIC = b"SQLite format 3\0"
 _ID_AT = 68
 
-# So many bytes of those by which we know our own may be wrong: a memory card that flips one makes it no stranger's.
-_FLIPPED_MAX = 1
+FORMAT = 6
+
+# As SQLite keeps it, to the letter.
+_TABLE = "CREATE TABLE memory (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID"
+
+# The keys: of one row each, and the beginnings of those of several.
+_MOMENT, _ABSENT, _STOPPED, _CHECKSUM = "moment", "absent", "stopped", "checksum"
+_ALARM, _UNDELIVERED = "alarm ", "undelivered "
+
+# Pages of 4 KiB after which SQLite moves the log into the file, and the most that it has: a full file has ten MiB.
+LOG_PAGES_MAX = 64
+PAGES_MAX = 8192
+
+_ITEM: Any = tuple[str, Message | Notification]  # mypy takes a union for no type
+
+# What SQLite says when nothing is wrong with the file, but with the disk or with us.
+_UNWRITABLE = frozenset(
+    {sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_FULL, sqlite3.SQLITE_PERM, sqlite3.SQLITE_IOERR}
+)
+
+# Undelivered messages by their number.
+Queue = Mapping[int, Undelivered]
 
 
-class Kind(Enum):
-    """The kind of thing that has the name of a state file."""
-
-    NOTHING = auto()
-    """No file, or an empty one."""
-    OURS = auto()
-    """A state file, whole or not."""
-    FOREIGN = auto()
-    """Something else."""
-
-
-def kind_of(path: Path) -> Kind:
-    """Look at a file, without changing it or waiting for it.
+def is_ours(path: Path) -> bool | None:
+    """Check whether a file is a state file, whole or not; None if there is none, or an empty one.
 
     Raises `StateError` if it is a folder, a pipe or a device, or cannot be looked at: a name too long, a loop of links.
     """
     try:
-        header = _header(path)
-    except FileNotFoundError:
-        return Kind.NOTHING
-    except (OSError, ValueError) as error:
-        raise StateError(f"{path} cannot be used: {getattr(error, 'strerror', None) or error}") from error
+        with open_untrusted(path) as file:
+            header = file.read(_HEADER_BYTES)
+    except UnreadableError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            return None
+        raise StateError(f"{path} cannot be used: {error.reason}") from error
     if not header:
-        return Kind.NOTHING
-    known = _MAGIC + APPLICATION_ID.to_bytes(4, "big")
-    found = header[: len(_MAGIC)] + header[_ID_AT : _ID_AT + 4]
-    wrong = sum(here != there for here, there in zip(found, known, strict=False)) + len(known) - len(found)
-    return Kind.OURS if wrong <= _FLIPPED_MAX else Kind.FOREIGN
-
-
-def _header(path: Path) -> bytes:
-    if not stat.S_ISREG(path.stat().st_mode):  # before it is opened: that alone resets some devices
-        raise ValueError("it is no regular file")
-    file = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    try:
-        return os.read(file, _HEADER_BYTES) if stat.S_ISREG(os.fstat(file).st_mode) else b""
-    finally:
-        os.close(file)
-
-
-def too_large(path: Path) -> bool:
-    """Check whether a state file, or its log, has more bytes than we ever write."""
-    for file in (path, *(path.with_name(path.name + ending) for ending in BESIDE)):
-        with suppress(FileNotFoundError):  # SQLite removes its log when another process closes the file
-            if file.stat().st_size > SIZE_MAX:
-                return True
-    return False
+        return None
+    return header.startswith(_MAGIC) and header[_ID_AT : _ID_AT + 4] == APPLICATION_ID.to_bytes(4, "big")
 
 
 def put_aside(path: Path, why: str) -> Path:
@@ -124,40 +106,12 @@ def put_aside(path: Path, why: str) -> Path:
     return aside
 
 
-FORMAT = 5
+class _UnusableError(Exception):
+    """The file is not as it was written, or was by a later version of the program."""
 
-# Pages of 4 KiB after which SQLite moves the log into the file.
-LOG_PAGES_MAX = 64
-
-# No value in the file is longer.
-VALUE_BYTES_MAX = 2 * 2**20
-
-_ITEM: Any = Message | Notification  # mypy takes a union for no type
-
-# What SQLite says when nothing is wrong with the file, but with the disk or with us.
-_UNWRITABLE = frozenset(
-    {sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_FULL, sqlite3.SQLITE_PERM, sqlite3.SQLITE_IOERR}
-)
-
-# As SQLite keeps them, to the letter: a flipped one may change what a column takes, or how long a query runs.
-_TABLES = (
-    "CREATE TABLE alarm (rule TEXT PRIMARY KEY, memory TEXT NOT NULL) WITHOUT ROWID",
-    "CREATE TABLE undelivered (number INTEGER PRIMARY KEY, name TEXT NOT NULL, item TEXT NOT NULL)",
-    "CREATE TABLE saved (one INTEGER PRIMARY KEY, moment TEXT NOT NULL, absent TEXT NOT NULL, sha256 TEXT NOT NULL)",
-    "CREATE TABLE stopped (one INTEGER PRIMARY KEY, said TEXT NOT NULL)",
-)
-
-
-# Undelivered messages by the number of their row.
-Queue = Mapping[int, Undelivered]
-
-
-class _DamagedError(Exception):
-    """The file is not as it was written."""
-
-
-class _LaterVersionError(Exception):
-    """A later version of the program has written the file."""
+    def __init__(self, words: str, ending: str = "damaged") -> None:
+        super().__init__(f"is damaged: {words}" if ending == "damaged" else words)
+        self.ending = ending
 
 
 class AlarmStore:
@@ -172,13 +126,13 @@ class AlarmStore:
         self.warning = ""
         self._is_named = is_named
         self._database: sqlite3.Connection | None = None
-        self._written: dict[str, str] = {}
+        self._rows: dict[str, str] = {}
         self._queued: dict[int, Undelivered] = {}
-        self._sums: dict[int, int] = {}
+        self._checksum = 0
 
     def check(self) -> None:
         """See, without changing anything, that the file is ours or not there yet; else raise `StateError`."""
-        if kind_of(self.path) is Kind.FOREIGN and self._is_named:
+        if is_ours(self.path) is False and self._is_named:
             raise StateError(f"{self.path} is no state file, and was left as it is; name another file with --state")
 
     def open(self) -> Memory | None:
@@ -193,40 +147,36 @@ class AlarmStore:
         self.check()
         try:
             return self._opened()
-        except _LaterVersionError as error:
-            aside = put_aside(self.path, "newer")
-            self.warning = f"{self.path}: {error}; it is now {aside}, and this run remembers nothing of earlier ones"
-        except _DamagedError as error:
-            aside = put_aside(self.path, "damaged")
-            self.warning = f"{self.path} is damaged: {error}; it is now {aside}, and the alarms start anew"
+        except _UnusableError as error:
+            aside = put_aside(self.path, error.ending)
+            self.warning = f"{self.path} {error}; it is now {aside}, and the alarms start anew"
         try:
             return self._opened()
-        except (_DamagedError, _LaterVersionError) as error:
-            raise StateError(f"{self.path}: {error}") from error
+        except _UnusableError as error:
+            raise StateError(f"{self.path} {error}") from error
 
     def write(self, memory: Memory) -> None:
         """Write what alarms remember now, all of it or nothing; alarms in the file and not here are forgotten.
 
         Raises `StateError` if it could not be written, for a full disk for example.
         """
-        memories = {alarm.rule: encode(alarm).decode() for alarm in memory.alarms}
-        rest = encode(memory.moment).decode(), encode(memory.absent).decode()
-        stopped = (memory.stopped,) if memory.stopped else ()
-        queued, delivered = moved_on(self._queued, memory.undelivered)
-        new = [(key, name, encode(item).decode()) for key, (name, item) in queued.items() if key not in self._sums]
-        sums = {key: self._sums[key] for key in queued if key in self._sums} | {row[0]: _row_sum(row) for row in new}
-        changed = [(rule, memory) for rule, memory in memories.items() if self._written.get(rule) != memory]
-        gone = [(rule,) for rule in self._written if rule not in memories]
+        rows = {
+            _MOMENT: encode(memory.moment).decode(),
+            _ABSENT: encode(memory.absent).decode(),
+            **({_STOPPED: memory.stopped} if memory.stopped else {}),
+            **{_ALARM + alarm.rule: encode(alarm).decode() for alarm in memory.alarms},
+        }
+        queued = moved_on(self._queued, memory.undelivered)
+        new = dict(row for row in rows.items() if self._rows.get(row[0]) != row[1])
+        new |= dict(_queue_row(*each) for each in queued.items() if each[0] not in self._queued)
+        gone = {key: value for key, value in self._rows.items() if key in new or key not in rows}
+        gone |= dict(_queue_row(*each) for each in self._queued.items() if each[0] not in queued)
+        checksum = self._checksum + _sum_of(new) - _sum_of(gone)
         with self._transaction() as database:
-            database.executemany("INSERT OR REPLACE INTO alarm VALUES (?, ?)", changed)
-            database.executemany("DELETE FROM alarm WHERE rule = ?", gone)
-            database.executemany("DELETE FROM undelivered WHERE number = ?", delivered)
-            database.executemany("INSERT INTO undelivered VALUES (?, ?, ?)", new)
-            database.execute("DELETE FROM stopped")
-            database.executemany("INSERT INTO stopped VALUES (1, ?)", [stopped] if stopped else [])
-            saved = (*rest, _sha256((*rest, *stopped), memories.items(), sums.values()))
-            database.execute("INSERT OR REPLACE INTO saved VALUES (1, ?, ?, ?)", saved)
-        self._written, self._queued, self._sums = memories, queued, sums
+            database.executemany("DELETE FROM memory WHERE key = ?", [(key,) for key in gone if key not in new])
+            written = [*new.items(), (_CHECKSUM, f"{checksum:x}")]
+            database.executemany("INSERT OR REPLACE INTO memory VALUES (?, ?)", written)
+        self._rows, self._queued, self._checksum = rows, queued, checksum
 
     def flush(self) -> None:
         """Have the disk take what was written, else raise `StateError`. In any thread, also during a write."""
@@ -260,44 +210,37 @@ class AlarmStore:
             raise StateError(f"{self.path} cannot be written: {error}") from error
 
     def _opened(self) -> Memory | None:
+        if is_ours(self.path) is False:  # SQLite sees no file before this has
+            raise _UnusableError("it is no state file")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            self._look()
             with suppress(FileExistsError):  # SQLite would let everybody read a new file, and what it keeps beside it
                 os.close(os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
-            self._database = _connected(self.path)
+            self._database = sqlite3.connect(
+                self.path, timeout=0.5, isolation_level=None, check_same_thread=False, cached_statements=16
+            )
             return self._read(self._database)
         except Exception as error:
             self.close()
             raise self._converted(error) from error
 
-    def _look(self) -> None:
-        """See that a file is ours, if there is one. SQLite sees no file before this has."""
-        if kind_of(self.path) is Kind.FOREIGN:
-            raise _DamagedError("it is no state file")
-        if too_large(self.path):
-            raise _DamagedError("it is larger than any that was written here")
-
     def _converted(self, error: Exception) -> Exception:
         """Tell a file that cannot be used as it is from one that cannot be used at all."""
-        if isinstance(error, _DamagedError | _LaterVersionError | StateError):
+        if isinstance(error, _UnusableError | StateError):
             return error
         if isinstance(error, OSError):
             return StateError(f"{self.path} cannot be written: {error.strerror or error}")
         if not isinstance(error, sqlite3.Error):
-            return _DamagedError(f"{type(error).__name__}: {error}")
+            return _UnusableError(f"{type(error).__name__}: {error}")
         code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
         if code in {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}:
             return StateError(f"{self.path} is used by another run; this one remembers nothing after its end")
-        if code in _UNWRITABLE and not self._claims_to_be_read_only(code):
+        may_be_written = all(os.access(each, os.W_OK) for each in (self.path, self.path.parent))
+        if code in _UNWRITABLE and not (
+            code == sqlite3.SQLITE_READONLY and may_be_written
+        ):  # a byte in it may forbid it
             return StateError(f"{self.path} cannot be written: {error}")
-        return _DamagedError(str(error))
-
-    def _claims_to_be_read_only(self, code: int) -> bool:
-        """Check whether it is a byte in the file that forbids writing, and not the disk."""
-        return code == sqlite3.SQLITE_READONLY and all(
-            os.access(each, os.W_OK) for each in (self.path, self.path.parent)
-        )
+        return _UnusableError(str(error))
 
     def _read(self, database: sqlite3.Connection) -> Memory | None:
         database.execute("PRAGMA locking_mode = EXCLUSIVE")
@@ -307,15 +250,22 @@ class AlarmStore:
         database.execute("PRAGMA journal_mode = WAL")
         database.execute("PRAGMA synchronous = NORMAL")  # the rest is `flush`
         database.execute(f"PRAGMA wal_autocheckpoint = {LOG_PAGES_MAX}")
-        database.execute(f"PRAGMA max_page_count = {SIZE_MAX // _pragma(database, 'page_size')}")
+        database.execute(f"PRAGMA max_page_count = {PAGES_MAX}")
         database.execute("BEGIN EXCLUSIVE")  # takes the lock, and keeps it
         version, application = _pragma(database, "user_version"), _pragma(database, "application_id")
-        if version > FORMAT and application == APPLICATION_ID:
-            raise _LaterVersionError(f"written by a later version of stadimeter (format {version}, not {FORMAT})")
-        if version not in {0, FORMAT} or application != APPLICATION_ID:
-            raise _DamagedError("it is no state file")
-        _make_tables(database)
-        database.execute("DELETE FROM saved WHERE one <> 1")  # changes nothing, and fails if nothing can be changed
+        if application != APPLICATION_ID:
+            raise _UnusableError("it is no state file")
+        if version not in {0, FORMAT}:
+            which, ending = ("a later", "newer") if version > FORMAT else ("an earlier", "older")
+            words = f"was written by {which} version of stadimeter (format {version}, not {FORMAT})"
+            raise _UnusableError(words, ending)
+        found = [sql for (sql,) in database.execute("SELECT sql FROM sqlite_schema")]
+        if not found:
+            database.execute(_TABLE)
+            database.execute(f"PRAGMA user_version = {FORMAT}")
+        elif found != [_TABLE]:  # a flipped letter may change what a column takes, or how long a query runs
+            raise _UnusableError("its table is not that of a state file")
+        database.execute("DELETE FROM memory WHERE key = ''")  # changes nothing, and fails if nothing can be changed
         memory = self._checked(database)
         database.execute("COMMIT")
         return memory
@@ -323,44 +273,29 @@ class AlarmStore:
     def _checked(self, database: sqlite3.Connection) -> Memory | None:
         (verdict,) = database.execute("PRAGMA integrity_check(1)").fetchone()
         if verdict != "ok":
-            raise _DamagedError(verdict)
-        rows = dict(database.execute("SELECT rule, memory FROM alarm ORDER BY rule").fetchall())
-        saved = database.execute("SELECT moment, absent, sha256 FROM saved").fetchall()
-        queued = database.execute("SELECT number, name, item FROM undelivered ORDER BY number").fetchall()
-        stopped = [said for (said,) in database.execute("SELECT said FROM stopped").fetchall()]
-        if not (saved or rows or queued or stopped):
+            raise _UnusableError(verdict)
+        rows: dict[str, str] = dict(database.execute("SELECT key, value FROM memory").fetchall())
+        if not rows:
             return None
-        sums = {row[0]: _row_sum(row) for row in queued}
-        if len(saved) != 1 or saved[0][2] != _sha256((*saved[0][:2], *stopped), rows.items(), sums.values()):
-            raise _DamagedError("its checksum is wrong")
+        checksum = _sum_of({key: value for key, value in rows.items() if key != _CHECKSUM})
+        if rows.get(_CHECKSUM) != f"{checksum:x}":
+            raise _UnusableError("its checksum is wrong")
         try:
-            alarms = tuple(decode(memory, AlarmSnapshot) for memory in rows.values())
-            queue = {number: (name, decode(item, _ITEM)) for number, name, item in queued}
-            moment, absent = decode(saved[0][0], ClockReading), decode(saved[0][1], tuple[Absence, ...])
-        except ValueError as error:
-            raise _DamagedError(f"it holds something else than alarms: {error}") from error
-        self._written, self._queued, self._sums = rows, queue, sums
-        undelivered = tuple(queue.values())
-        return Memory(moment=moment, alarms=alarms, absent=absent, undelivered=undelivered, stopped="".join(stopped))
-
-
-def _connected(path: Path) -> sqlite3.Connection:
-    """Open a file that may hold anything."""
-    database = sqlite3.connect(path, timeout=0.5, isolation_level=None, check_same_thread=False, cached_statements=16)
-    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, VALUE_BYTES_MAX)
-    return database
-
-
-def _make_tables(database: sqlite3.Connection) -> None:
-    """Make the tables that a file does not have yet. It must have no others."""
-    found = {sql for (sql,) in database.execute("SELECT sql FROM sqlite_schema")}
-    if not found <= {*_TABLES}:
-        raise _DamagedError("its tables are not those of a state file")
-    missing = [table for table in _TABLES if table not in found]
-    for table in missing:
-        database.execute(table)
-    if missing:
-        database.execute(f"PRAGMA user_version = {FORMAT}")
+            alarms = [decode(rows[key], AlarmSnapshot) for key in sorted(rows) if key.startswith(_ALARM)]
+            waiting = [key for key in sorted(rows) if key.startswith(_UNDELIVERED)]
+            queued = {int(key.removeprefix(_UNDELIVERED)): decode(rows[key], _ITEM) for key in waiting}
+            memory = Memory(
+                moment=decode(rows[_MOMENT], ClockReading),
+                alarms=tuple(alarms),
+                absent=decode(rows[_ABSENT], tuple[Absence, ...]),
+                undelivered=tuple(queued.values()),
+                stopped=rows.get(_STOPPED, ""),
+            )
+        except (ValueError, KeyError) as error:
+            raise _UnusableError(f"it holds something else than alarms: {error}") from error
+        self._rows = {key: rows[key] for key in rows if key != _CHECKSUM and not key.startswith(_UNDELIVERED)}
+        self._queued, self._checksum = queued, checksum
+        return memory
 
 
 def _pragma(database: sqlite3.Connection, name: str) -> int:
@@ -368,29 +303,27 @@ def _pragma(database: sqlite3.Connection, name: str) -> int:
     return int(value)
 
 
-def moved_on(rows: Queue, queued: Iterable[Undelivered]) -> tuple[dict[int, Undelivered], list[tuple[int]]]:
-    """Return the rows as they shall be, and which ones go: queues lose in any place, and grow at their ends only."""
+def moved_on(rows: Queue, queued: Iterable[Undelivered]) -> dict[int, Undelivered]:
+    """Return the rows as they shall be: queues lose in any place, and grow at their ends only."""
     queues: dict[str, deque[Undelivered]] = {}
     for each in queued:
         queues.setdefault(each[0], deque()).append(each)
-    stay, gone = {}, []
+    stay = {}
     for number, row in rows.items():
         if (queue := queues.get(row[0])) and queue[0] == row:
             stay[number] = queue.popleft()
-        else:
-            gone.append((number,))
     new = (each for queue in queues.values() for each in queue)
-    return stay | dict(enumerate(new, start=max(rows, default=0) + 1)), gone
+    return stay | dict(enumerate(new, start=max(rows, default=0) + 1))
 
 
-def _row_sum(row: Sequence[object]) -> int:
-    """Return a checksum over a row; computed once, however often the file is written while the row is in it."""
-    return int.from_bytes(hashlib.sha256(json.dumps(row).encode()).digest(), "big")
+def _queue_row(number: int, item: Undelivered) -> tuple[str, str]:
+    """Return the row of an undelivered message; those that come one after another stand side by side."""
+    return f"{_UNDELIVERED}{number:09}", encode(item).decode()
 
 
-def _sha256(rest: Sequence[str], memories: Iterable[tuple[str, str]], sums: Iterable[int]) -> str:
-    """Return a checksum over everything in the file. The sums of the rows are added up: each has its number in it."""
-    return hashlib.sha256(json.dumps([rest, sorted(memories), sum(sums)]).encode()).hexdigest()
+def _sum_of(rows: Mapping[str, str]) -> int:
+    """Return a checksum over rows. Theirs are added up, so that it follows those that come and go."""
+    return sum(int.from_bytes(hashlib.sha256(json.dumps(row).encode()).digest(), "big") for row in rows.items())
 
 
 def describe_kept(file: Path, rules: Iterable[AnyRule]) -> Iterator[str]:
@@ -408,11 +341,11 @@ def describe_kept(file: Path, rules: Iterable[AnyRule]) -> Iterator[str]:
 def _memories(file: Path) -> tuple[AlarmSnapshot, ...]:
     """Return the memories of alarms; nothing while a run holds the file, or after it was killed: its log is newer."""
     try:
-        if kind_of(file) is not Kind.OURS or too_large(file) or file.with_name(f"{file.name}-wal").exists():
+        if not is_ours(file) or file.with_name(f"{file.name}-wal").exists():
             return ()
         # Immutable: SQLite takes no lock, and makes no file beside it.
         with closing(sqlite3.connect(f"{file.absolute().as_uri()}?immutable=1", uri=True)) as database:
-            rows = database.execute("SELECT memory FROM alarm ORDER BY rule").fetchall()
-            return tuple(decode(memory, AlarmSnapshot) for (memory,) in rows)
+            rows = database.execute("SELECT key, value FROM memory ORDER BY key").fetchall()
+            return tuple(decode(value, AlarmSnapshot) for key, value in rows if key.startswith(_ALARM))
     except Exception:  # noqa: BLE001 - whatever is wrong with the file, the next run says it
         return ()
