@@ -9,9 +9,7 @@ monotonic clock; the first line says which wall-clock time the journal began at.
 
 from __future__ import annotations
 
-import fcntl
 import os
-import stat
 import struct
 import time
 import tomllib
@@ -21,10 +19,9 @@ from datetime import UTC, datetime
 from io import FileIO
 from itertools import count
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import BinaryIO, TypeVar
 
 from msgspec import Raw, Struct, field
-from msgspec.json import schema
 from msgspec.structs import replace
 from pydantic_core import from_json
 
@@ -61,18 +58,13 @@ HEAD_BYTES = 4096
 # Of recordings with pictures.
 ENDING = ".mcap"
 
-# The longest file name that Linux takes.
-NAME_BYTES_MAX = 255
-
-# Without waiting: the opening of a pipe that has no reader would never end.
-_OPENING = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOCTTY | os.O_NONBLOCK
-
 
 class RecordFile:
     """A file that grows by whole records. The writer of the library ``mcap`` takes it for a file, too.
 
-    The data of one `write` is written whole or not at all. An older file of that name gets another name with the first
-    record, and not before: a run whose camera is missing renames nothing. Only the user can read a new file.
+    The data of one `write` is written whole or not at all. The file is made with the first record, and not before: a
+    run whose camera is missing renames nothing. An older file of that name gets another name then. Only the user can
+    read a new file.
 
     A character device such as ``/dev/null`` will do as well. A pipe will not: its reader could hold up the writer.
 
@@ -91,27 +83,29 @@ class RecordFile:
     def __init__(self, path: Path, kind: str, is_ours: Callable[[bytes], bool]) -> None:
         self.kept_as: Path | None = None
         self._path = path
+        self._real_path = Path(os.path.realpath(path))
         self._kind = kind
         self._is_ours = is_ours
         self._size = 0
-        self._is_new = not os.path.lexists(path)
-        self._file = self._opened(path)
-        self._real_path = Path(os.path.realpath(path))
-        if self._is_taken() and not os.access(self._real_path.parent, os.W_OK | os.X_OK):
-            self._file.close()
-            raise JournalError(f"{path}: the older {kind} cannot be kept: its folder cannot be written")
+        self._file: FileIO | None = None
+        self._refuse_other()
+        folder = self._real_path.parent
+        if not self._real_path.is_char_device() and not os.access(folder, os.W_OK | os.X_OK):
+            why = f"its folder {folder} cannot be written" if folder.is_dir() else f"there is no folder {folder}"
+            raise JournalError(f"{path}: the {kind} cannot be written: {why}")
 
     def write(self, data: bytes) -> int:
         """Write some records whole; return how many bytes that was. `JournalError` leaves the earlier ones intact."""
-        if self._size == 0:
-            self._begin()
+        file = self._file or self._begin()
         try:
             rest = memoryview(data)
             while rest:  # a disk that fills up takes a part of it, and says why with the next part
-                rest = rest[self._file.write(rest) :]
+                rest = rest[file.write(rest) :]
         except OSError as error:
-            self._drop_fragment()
-            raise self._failure(error, f"; the {self._kind} ends here, intact") from error
+            with suppress(OSError):  # a device cannot be cut; the reader stops where a record is not whole
+                os.ftruncate(file.fileno(), self._size)
+            file.close()
+            raise self._failure(error, after=f"; the {self._kind} ends here, intact") from error
         self._size += len(data)
         return len(data)
 
@@ -123,85 +117,50 @@ class RecordFile:
         """Do nothing: what was written is with the operating system already."""
 
     def close(self) -> None:
-        """Close the file, and remove one that was made here and is empty. May be called any number of times."""
-        if self._is_new and self._size == 0 and not self._file.closed and self._is_still_empty():
-            self._path.unlink()
-        self._file.close()
-
-    def _is_still_empty(self) -> bool:
-        """Check whether the name still stands for our file, and is still empty."""
-        ours = os.fstat(self._file.fileno())
-        try:
-            found = os.lstat(self._path)
-        except OSError:
-            return False
-        return os.path.samestat(ours, found) and found.st_size == 0
+        """Close the file. May be called any number of times."""
+        if self._file is not None:
+            self._file.close()
 
     def older_file(self) -> str:
         """Return in words where an older file is now; empty if there was none."""
         return f"{self._path} held an older {self._kind}, which is now {self.kept_as}" if self.kept_as else ""
 
-    def _opened(self, path: Path) -> FileIO:
+    def _refuse_other(self) -> None:
+        """Raise `JournalError` for what is there and is neither of our kind nor empty."""
+        path = self._real_path
         try:
-            file = FileIO(os.open(path, _OPENING, 0o600), "r+")
-            mode = os.fstat(file.fileno()).st_mode
-            head = file.read(HEAD_BYTES) if stat.S_ISREG(mode) else b""
+            if path.is_file():
+                with open_untrusted(path) as file:
+                    head = file.read(HEAD_BYTES)
+                is_usable = self._is_ours(head) or not head.strip(b"\0")  # a power cut may leave zeros
+            else:
+                is_usable = path.is_char_device() or not os.path.lexists(path)
         except OSError as error:
-            raise self._failure(error, "", f"the {self._kind} cannot be written: ") from error
-        if stat.S_ISCHR(mode):
-            os.set_blocking(file.fileno(), True)
-        elif not stat.S_ISREG(mode) or not (self._is_ours(head) or _holds_nothing(head)):
-            file.close()
-            raise JournalError(f"{path} holds something else than a {self._kind}; choose another file")
-        return file
+            raise self._failure(error) from error
+        if not is_usable:
+            raise JournalError(f"{self._path} holds something else than a {self._kind}; choose another file")
 
-    def _begin(self) -> None:
-        """Take the name for ourselves. Another run may have begun to write there since the file was opened."""
-        if not stat.S_ISREG(os.fstat(self._file.fileno()).st_mode):
-            return
-        self._file.close()
-        self._file = self._opened(self._real_path)
-        while self._is_taken():
-            self._file.close()
-            try:
-                numbered = (_numbered(self._real_path, number) for number in count(1))
-                self.kept_as = rename_to_free_name(self._real_path, numbered)
-            except OSError as error:
-                raise self._failure(error, "", f"the older {self._kind} cannot be kept: ") from error
-            self._file = self._opened(self._real_path)
-
-    def _is_taken(self) -> bool:
-        """Check whether the open file holds something, or will: another run that is about to write has locked it."""
-        about = os.fstat(self._file.fileno())
-        if not stat.S_ISREG(about.st_mode) or about.st_size:
-            return about.st_size > 0
+    def _begin(self) -> FileIO:
+        """Make the file, after what has the name got another one. Another run may have made one since."""
+        path, flags = self._real_path, os.O_WRONLY | os.O_CLOEXEC | os.O_NOCTTY
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-        except OSError:  # this file system has no locks
-            return False
-        return os.fstat(self._file.fileno()).st_size > 0
+            if not path.is_char_device():
+                self._refuse_other()
+                flags |= os.O_CREAT | os.O_EXCL
+            while True:
+                try:
+                    self._file = FileIO(os.open(path, flags, 0o600), "w")
+                except FileExistsError:
+                    numbered = (f"{path.stem}-{number}{path.suffix}" for number in count(1))
+                    self.kept_as = rename_to_free_name(path, numbered)
+                else:
+                    return self._file
+        except OSError as error:
+            raise self._failure(error) from error
 
-    def _failure(self, error: OSError, after: str = "", before: str = "") -> JournalError:
+    def _failure(self, error: OSError, after: str = "") -> JournalError:
+        before = "" if after else f"the {self._kind} cannot be written: "
         return JournalError(f"{self._path}: {before}{error.strerror or error}{after}")
-
-    def _drop_fragment(self) -> None:
-        with suppress(OSError):  # a device cannot be cut; the reader stops where a record is not whole
-            os.ftruncate(self._file.fileno(), self._size)
-        self._file.close()
-
-
-def _holds_nothing(head: bytes) -> bool:
-    """Check whether a file is empty, or has a length only: some file systems leave zeros after a power cut."""
-    return not head.strip(b"\0")
-
-
-def _numbered(path: Path, number: int) -> str:
-    stem, ending = path.stem, f"-{number}{path.suffix}"
-    while len(stem) > 1 and len(os.fsencode(stem + ending)) > NAME_BYTES_MAX:
-        stem = stem[:-1]
-    return stem + ending
 
 
 def delete_old(folder: Path, keep_s: float, folder_bytes: float, names: str = f"*{ENDING}", newest: str = "") -> None:
@@ -329,15 +288,6 @@ def reload_of(line: bytes, place: str) -> RecordedConfiguration | None:
         return decode(line, _Reloaded).reloaded.configuration
     except ValueError as error:
         raise JournalError(f"{place}: not a configuration: {error}") from error
-
-
-def cycle_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a cycle as `cycle_json` writes it."""
-    written = schema(CycleRecord, schema_hook=lambda _kind: {"type": "array"})  # points in no journal
-    for name, left_out in (("CycleRecord", ("rejected", "detections")), ("Decision", ("reasons",))):
-        for key in left_out:
-            del written["$defs"][name]["properties"][key]
-    return written
 
 
 def cycle_json(record: CycleRecord) -> bytes:

@@ -313,8 +313,8 @@ class RecordingWriter:
 
     def _new_channel(self, writer: Writer, topic: str, schema: str) -> int:
         if schema not in self._schemas:
-            shape = messages.plain(journal.cycle_schema()) if schema == messages.CYCLE else messages.SCHEMAS[schema]
-            self._schemas[schema] = writer.register_schema(schema, "jsonschema", json.dumps(shape).encode())
+            shape = json.dumps(messages.SCHEMAS[schema]).encode()
+            self._schemas[schema] = writer.register_schema(schema, "jsonschema", shape)
         channel: int = writer.register_channel(topic, "json", self._schemas[schema])
         self._channels[topic] = channel
         return channel

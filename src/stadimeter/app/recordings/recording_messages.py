@@ -37,33 +37,6 @@ CYCLE = "stadimeter.Cycle"
 CONFIGURATION = "stadimeter.Configuration"
 
 
-def plain(schema: Schema) -> Schema:
-    """Return a schema without references and alternatives; of several kinds of objects it has all properties."""
-    return _plain(schema, schema.get("$defs", {}))
-
-
-def _plain(schema: Schema, definitions: Schema) -> Schema:
-    if "$ref" in schema:
-        return _plain(definitions[schema["$ref"].rpartition("/")[2]], definitions)
-    if "anyOf" in schema:
-        return _joined([_plain(each, definitions) for each in schema["anyOf"] if each.get("type") != "null"])
-    if schema.get("type") == "array":
-        return {"type": "array", "items": _plain(schema.get("items") or schema["prefixItems"][0], definitions)}
-    if schema.get("type") == "object":
-        parts = {name: _plain(part, definitions) for name, part in schema.get("properties", {}).items()}
-        return {"type": "object", "properties": parts}
-    return {"type": schema.get("type", "string")}
-
-
-def _joined(schemas: list[Schema]) -> Schema:
-    """Return the schema of objects with the properties of several, or the first one of what is no object."""
-    first = schemas[0]
-    if first["type"] != "object":
-        return first
-    parts = {name: part for schema in schemas for name, part in schema.get("properties", {}).items()}
-    return {"type": "object", "properties": parts}
-
-
 # Of foxglove.Log: info, warning, error, fatal.
 CAMERA_FRAME = "camera"
 _LEVELS = {Severity.INFO: 2, Severity.WARNING: 3, Severity.ALARM: 4, Severity.SAFETY: 5}
@@ -246,7 +219,7 @@ def _json(message: Mapping[str, Any]) -> bytes:
 _WHEN = stamp(0)
 _SQUARE = Detection(target="", status=DetectionStatus.FOUND, outline_px=np.zeros((1, 2)))
 
-# A message of each kind, with something in every list. That of a cycle follows from `CycleRecord`.
+# A message of each kind, with something in every list. Of a cycle, which holds all that a run knew, only the parts.
 _EXAMPLES: dict[str, Schema] = {
     COMPRESSED_IMAGE: {"timestamp": _WHEN, "frame_id": "", "data": "", "format": ""},
     CAMERA_CALIBRATION: {
@@ -264,6 +237,12 @@ _EXAMPLES: dict[str, Schema] = {
     },
     LOG: {"timestamp": _WHEN, "level": 0, "message": "", "name": "", "file": "", "line": 0},
     TARGET: {"status": "", "measured_m": 0.0, **dict.fromkeys(_TRACK_FIGURES, 0.0)},
+    CYCLE: {
+        "observation": {"now_s": 0.0, "camera_fault": ""},
+        "applied": [{"output": "", "level": 0.0, "linear_mps": 0.0, "angular_radps": 0.0}],
+        "timings_s": dict.fromkeys(("capture", "measure", "decide", "apply"), 0.0),
+        "decision": {"safety": "", "safety_reason": ""},
+    },
     CONFIGURATION: {"reloaded": {"at_s": 0.0, "configuration": {"text": "", "files": {}}}},
 }
 _TYPES = {float: "number", int: "integer", str: "string"}
