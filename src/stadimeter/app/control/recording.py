@@ -16,10 +16,11 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from msgspec import Struct, field
+from msgspec import Struct
 
 from stadimeter.app.control.messages import RecordArgs, Reply
 from stadimeter.app.control.socket_server import Answer
@@ -41,8 +42,8 @@ if TYPE_CHECKING:
 FOLDER = "recordings"
 CLIPS = "clips"
 
-# How often a recording looks how full the disk is.
-LOOK_EVERY_S = 2.0
+# How often a recording looks whether it has reached a bound, and how full the disk is.
+LOOK_EVERY_S = 1.0
 
 
 class Bounds(Struct, frozen=True, kw_only=True):
@@ -84,7 +85,6 @@ class _Begun(Struct, kw_only=True):
     began_s: float = 0.0
     newest_s: float = 0.0
     looked_s: float = 0.0
-    is_ended: threading.Event = field(default_factory=threading.Event)
     reason: str = ""
 
     def about(self) -> dict[str, object]:
@@ -170,7 +170,6 @@ class RecordingOnRequest:
         for begun in (self._begun, self._ready, self._ending):
             if begun is not None:
                 begun.recorder.close()
-                begun.is_ended.set()
         self._begun = self._ready = None
 
     def _begin(self, answer: Answer) -> None:
@@ -224,14 +223,14 @@ class RecordingOnRequest:
         ready.began_unix_s = time.time()
         ready.began_s = ready.newest_s = ready.looked_s = now_s
         self._ready, self._begun = None, ready
-        threading.Thread(target=self._watch_room, args=(ready,), name="disk of recording", daemon=True).start()
         ready.answer(Reply({**ready.about(), "path": str(ready.path)}))
 
     def _look(self, begun: _Begun, now_s: float) -> None:
-        """End a recording that has failed or reached a bound; look once a second."""
-        if now_s - begun.looked_s < 1.0:
+        """End a recording that has failed or reached a bound; look now and then."""
+        if now_s - begun.looked_s < LOOK_EVERY_S:
             return
         begun.looked_s = now_s
+        begun.recorder.put(partial(self._look_at_disk, begun))
         reason = begun.recorder.failure or self._reason_to_end(begun, now_s)
         if reason:
             self._trouble = f"recording {begun.path.name} has ended: {reason}"
@@ -245,16 +244,11 @@ class RecordingOnRequest:
             return f"it is {self._bounds.seconds / 60:.0f} min long"
         return begun.reason
 
-    def _watch_room(self, begun: _Begun) -> None:
-        """Note that the disk becomes full. In a thread: a disk that hangs does not even tell how full it is."""
-        while not begun.is_ended.wait(LOOK_EVERY_S):
-            try:
-                free = shutil.disk_usage(self._folder).free
-            except OSError as error:
-                begun.reason = f"{self._folder} cannot be looked at any more: {error.strerror or error}"
-                return
-            if free < self._bounds.free_bytes:
-                begun.reason = f"the disk has only {free / 1e6:.0f} MB left"
+    def _look_at_disk(self, begun: _Begun) -> None:
+        """Note that the disk becomes full. In the thread of the recorder: a disk that hangs does not even tell that."""
+        free = shutil.disk_usage(self._folder).free
+        if free < self._bounds.free_bytes:
+            begun.reason = f"the disk has only {free / 1e6:.0f} MB left"
 
     def _stop(self, answer: Answer) -> None:
         if self._begun is not None:
@@ -266,7 +260,6 @@ class RecordingOnRequest:
 
     def _end(self, begun: _Begun, answer: Answer) -> None:
         self._begun, self._ending = None, begun
-        begun.is_ended.set()
         begun.recorder.end()
         threading.Thread(target=_finish, args=(begun, answer), name="end recording", daemon=True).start()
 
