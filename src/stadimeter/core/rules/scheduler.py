@@ -7,12 +7,10 @@ the same object as before: those who listen see at no cost that there is nothing
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, insort
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from graphlib import TopologicalSorter
 from operator import attrgetter
-from typing import TypeVar
 
 from msgspec import Struct, field
 from msgspec.structs import replace
@@ -58,45 +56,15 @@ def arbitrate(requests: Iterable[Request], outputs: Mapping[str, Output] | None 
 
     Args:
         requests: What the rules want, in the order of the configuration.
-        outputs: The outputs that have equals to combine, by name.
+        outputs: The outputs, by name.
     """
     by_output: dict[str, list[Request]] = defaultdict(list)
     for request in sorted(requests, key=attrgetter("priority"), reverse=True):  # equals stay in order
         by_output[request.output].append(request)
-    for name, output in (outputs or {}).items():
-        if len(by_output.get(name, ())) > 1:
-            by_output[name] = _combine(by_output[name], output)
+    for name, wanted in by_output.items():
+        if len(wanted) > 1 and outputs and name in outputs:
+            by_output[name] = _combine(wanted, outputs[name])
     return by_output
-
-
-def rearrange(wanted: Wanted, gone: Iterable[Request], come: Iterable[Request], positions: Mapping[str, int]) -> Wanted:
-    """Return the same as `arbitrate` when only a few requests have changed, without sorting all of them.
-
-    Lists in which nothing has changed are the same objects.
-
-    Args:
-        wanted: The requests for each output so far, the winner first.
-        gone: The requests that were made before and are no longer.
-        come: The requests that are made now.
-        positions: The position of each rule in the configuration, by its name.
-    """
-    after: dict[str, Sequence[Request]] = dict(wanted)
-    lists: dict[str, list[Request]] = {}
-
-    def place(request: Request) -> tuple[int, int]:
-        return -request.priority, positions[request.rule]
-
-    for request in gone:
-        left = lists.setdefault(request.output, list(wanted[request.output]))
-        del left[bisect_left(left, place(request), key=place)]
-    for request in come:
-        insort(lists.setdefault(request.output, list(wanted.get(request.output, ()))), request, key=place)
-    for output, requests in lists.items():
-        if requests:
-            after[output] = requests
-        else:
-            del after[output]
-    return after
 
 
 def _combine(wanted: list[Request], output: Output) -> list[Request]:
@@ -140,8 +108,8 @@ class Layout(Struct, frozen=True, kw_only=True):
         order: The positions of the rules in the order of judging: each after those that it asks for.
         asked_for: The positions of the rules that others ask for.
         motions: The motions across the line of sight that any rule takes.
-        bases: The outputs that are bases, by name.
-        combined: The outputs that have equals to combine, by name.
+        outputs: The outputs, by name.
+        bases: Those that are bases.
         grouped: The positions of the alarms that belong to a group.
         by_cycle: The positions of the alarms that are judged in every cycle, with or without a new frame.
         positions: The position of each rule, by its name.
@@ -151,8 +119,8 @@ class Layout(Struct, frozen=True, kw_only=True):
     order: tuple[int, ...] = ()
     asked_for: frozenset[int] = frozenset()
     motions: frozenset[AskedMotion] = frozenset()
+    outputs: Mapping[str, Output] = field(default_factory=dict)
     bases: Mapping[str, BaseOutput] = field(default_factory=dict)
-    combined: Mapping[str, Output] = field(default_factory=dict)
     grouped: tuple[int, ...] = ()
     by_cycle: frozenset[int] = frozenset()
     positions: Mapping[str, int] = field(default_factory=dict)
@@ -167,14 +135,13 @@ def layout_of(plan: Plan) -> Layout:
     """
     positions = {rule.name: index for index, rule in enumerate(plan.rules)}
     asked = {index: [positions[name] for name in sorted(asks_for(rule))] for index, rule in enumerate(plan.rules)}
-    contested = contested_outputs(plan.rules)
     alarms = [(index, rule) for index, rule in enumerate(plan.rules) if isinstance(rule, AlarmRule)]
     return Layout(
         order=tuple(TopologicalSorter(asked).static_order()),  # where none asks, in the order of the plan
         asked_for=frozenset().union(*asked.values()),
         motions=frozenset(each for rule in plan.rules for each in _motions(rule)),
+        outputs={output.name: output for output in plan.outputs},
         bases={output.name: output for output in plan.outputs if isinstance(output, BaseOutput)},
-        combined={output.name: output for output in plan.outputs if output.name in contested},
         grouped=tuple(index for index, rule in alarms if rule.group),
         by_cycle=frozenset(index for index, rule in alarms if judged_by_cycle(rule.condition)),
         positions=positions,
@@ -196,23 +163,9 @@ def _sequences(rules: Sequence[AnyRule]) -> dict[str, tuple[SequenceCondition, .
     return {name: tuple(each for each in found if each.rules[-1] == name) for name in named}
 
 
-def contested_outputs(rules: Sequence[AnyRule]) -> frozenset[str]:
-    """Return the outputs that two rules, or more, may ask for with one priority."""
-    names: dict[tuple[str, int], set[str]] = defaultdict(set)
-    for rule in rules:
-        steps = rule.escalation if isinstance(rule, AlarmRule) else ()
-        for output in (rule.output, *(step.output for step in steps)):
-            if output is not None:
-                names[output, rule.priority].add(rule.name)
-    return frozenset(output for (output, _), of_one_priority in names.items() if len(of_one_priority) > 1)
-
-
 def asks_for(rule: AnyRule) -> frozenset[str]:
     """Return the names of the rules that a rule asks for, by any of its conditions."""
     return frozenset().union(*map(depends_on, conditions_of(rule)))
-
-
-_T = TypeVar("_T")
 
 
 class EvaluatedRules(Struct, frozen=True, kw_only=True):
@@ -281,7 +234,7 @@ def with_steps(
         rules=tuple(_as_judged(rule, step) for rule, step in zip(plan.rules, steps, strict=True)),
         steps=steps,
         traces=tuple(step.trace for step in steps),
-        wanted=arbitrate((request for step in steps for request in step.requests), layout.combined),
+        wanted=_wanted(steps, layout),
         active={plan.rules[index].name: steps[index].trace.active for index in layout.asked_for},
         first_out=first_out or {},
         raised_at_s=in_sequences,
@@ -313,8 +266,8 @@ class _Evaluation:
     """Evaluates rules one after another, and collects what changes."""
 
     __slots__ = (
-        "active", "before", "changed", "cycle", "events", "first_out", "inputs", "notices", "raised_at_s", "rules",
-        "sample",
+        "active", "before", "cycle", "events", "first_out", "inputs", "notices", "raised_at_s", "rules", "sample",
+        "steps",
     )  # fmt: skip
 
     def __init__(self, before: EvaluatedRules, inputs: RuleInputs, sample: Sample | None, cycle: Sample) -> None:
@@ -327,7 +280,7 @@ class _Evaluation:
         asked_for = {"active": before.active, "raised_at_s": before.raised_at_s}
         self.inputs = replace(inputs, **asked_for) if before.active else inputs
         self.first_out = before.first_out
-        self.changed: dict[int, Step] = {}
+        self.steps = list(before.steps)
         self.events: list[Event] = []
         self.notices: list[Notice] = []
 
@@ -336,14 +289,15 @@ class _Evaluation:
         alarms = {
             rule.name: (index, gate_of(rule), step)
             for index, rule in enumerate(self.rules)
-            if isinstance(step := self._step(index), OperatedStep)
+            if isinstance(step := self.steps[index], OperatedStep)
         }
         answer, evaluations = operate(alarms, self.inputs, command)
         for index, evaluation in evaluations:
             _, rule, step = alarms[evaluation.rule.name]
-            self.changed[index] = with_record(evaluation.rule, step, evaluation.record)
+            self.steps[index] = with_record(evaluation.rule, step, evaluation.record)
             if evaluation.rule is not rule:
-                self.rules = _with(self.rules, {index: _with_gate(self.rules[index], evaluation.rule)})
+                set_rule = _with_gate(self.rules[index], evaluation.rule)
+                self.rules = (*self.rules[:index], set_rule, *self.rules[index + 1 :])
             self.events += evaluation.events
         return answer
 
@@ -359,13 +313,20 @@ class _Evaluation:
         """Return the rules after the cycle."""
         before = self.before
         self._mark_first_out()
-        changed = {index: step for index, step in self.changed.items() if step is not before.steps[index]}
-        steps = _with(before.steps, changed)
+        steps, traces, wanted = before.steps, before.traces, before.wanted
+        changed = [pair for pair in zip(before.steps, self.steps, strict=True) if pair[0] is not pair[1]]
+        if changed:
+            steps = tuple(self.steps)
+        # The same object tells those who listen, at no cost, that nothing changed.
+        if any(was.trace is not step.trace for was, step in changed):
+            traces = tuple([step.trace for step in steps])
+        if any(was.requests is not step.requests for was, step in changed):
+            wanted = _wanted(steps, before.layout)
         return EvaluatedRules(
             rules=self.rules,
             steps=steps,
-            traces=_traces(before, changed),
-            wanted=_merge_requests(before, changed, steps),
+            traces=traces,
+            wanted=wanted,
             active=self.active,
             first_out=self.first_out,
             raised_at_s=self.raised_at_s,
@@ -378,11 +339,8 @@ class _Evaluation:
             return _NOTHING
         return Outcome(events=tuple(self.events), notices=tuple(self.notices), answers=answers)
 
-    def _step(self, index: int) -> Step:
-        return self.changed.get(index, self.before.steps[index])
-
     def _judge(self, index: int) -> None:
-        rule, last = self.rules[index], self._step(index)
+        rule, last = self.rules[index], self.steps[index]
         if isinstance(rule, AlarmRule) and isinstance(last, AlarmStep):
             stepped = self._alarm(index, rule, last)
             step: Step = stepped.step
@@ -406,8 +364,7 @@ class _Evaluation:
             self.notices += notices
         else:
             raise TypeError(f"rule {rule.name} remembers a {type(last).__name__}")
-        if step is not last:
-            self.changed[index] = step
+        self.steps[index] = step
 
     def _alarm(self, index: int, rule: AlarmRule, last: AlarmStep) -> Stepped:
         judged = self.cycle if index in self.before.layout.by_cycle else self.sample
@@ -416,7 +373,7 @@ class _Evaluation:
 
     def _tell_others(self, index: int) -> None:
         """Note whether a rule is active, for those that ask for it."""
-        name, is_active = self.rules[index].name, self._step(index).trace.active
+        name, is_active = self.rules[index].name, self.steps[index].trace.active
         if self.active.get(name) is is_active:
             return
         self.active = {**self.active, name: is_active}
@@ -439,45 +396,21 @@ class _Evaluation:
         alarms = [
             (index, rule) for index in self.before.layout.grouped if isinstance(rule := self.rules[index], AlarmRule)
         ]
-        standing = {rule.group for index, rule in alarms if _is_unsettled(self._step(index))}
+        standing = {rule.group for index, rule in alarms if _is_unsettled(self.steps[index])}
         if not standing.issuperset(self.first_out):
             self.first_out = {group: name for group, name in self.first_out.items() if group in standing}
         for index, rule in alarms:
-            step, is_first = self._step(index), self.first_out.get(rule.group) == rule.name
+            step, is_first = self.steps[index], self.first_out.get(rule.group) == rule.name
             if step.trace.first_out is not is_first:
-                self.changed[index] = replace(step, trace=replace(step.trace, first_out=is_first))
+                self.steps[index] = replace(step, trace=replace(step.trace, first_out=is_first))
 
 
 def _is_unsettled(step: Step) -> bool:
     return isinstance(step, AlarmStep) and (step.record.is_active or not step.record.is_acknowledged)
 
 
-def _with(items: tuple[_T, ...], changed: Mapping[int, _T]) -> tuple[_T, ...]:
-    if not changed:
-        return items
-    after = list(items)
-    for index, item in changed.items():
-        after[index] = item
-    return tuple(after)
-
-
-def _traces(before: EvaluatedRules, changed: Mapping[int, Step]) -> tuple[RuleTrace, ...]:
-    """Return the traces. The same object tells those who listen, at no cost, that nothing changed."""
-    renewed = {index: step.trace for index, step in changed.items() if step.trace is not before.steps[index].trace}
-    return _with(before.traces, renewed)
-
-
-def _merge_requests(before: EvaluatedRules, changed: Mapping[int, Step], steps: tuple[Step, ...]) -> Wanted:
-    pairs = [(before.steps[index].requests, step.requests) for index, step in changed.items()]
-    pairs = [(was, now) for was, now in pairs if now is not was]
-    if not pairs:
-        return before.wanted
-    gone = [request for was, _ in pairs for request in was]
-    come = [request for _, now in pairs for request in now]
-    layout = before.layout
-    if layout.combined and any(request.output in layout.combined for request in (*gone, *come)):
-        return arbitrate((request for step in steps for request in step.requests), layout.combined)
-    return rearrange(before.wanted, gone, come, layout.positions)
+def _wanted(steps: Iterable[Step], layout: Layout) -> Wanted:
+    return arbitrate([request for step in steps for request in step.requests], layout.outputs)
 
 
 def _as_judged(rule: AnyRule, step: Step) -> AnyRule:
