@@ -99,8 +99,7 @@ def _lines(failure: Failure) -> Iterator[Text]:
     yield Text.assemble(("          expected  ", "dim"), failure.expected)
     yield Text.assemble(("          got       ", "dim"), failure.got)
     if failure.why:
-        when = f"at {failure.at_s:.2f} s: " if failure.at_s is not None else ""
-        yield Text.assemble(("          why       ", "dim"), when, failure.why)
+        yield Text.assemble(("          why       ", "dim"), f"at {failure.at_s:.2f} s: {failure.why}")
 
 
 def _sum_up(console: Console, configuration: Configuration, results: Sequence[RuleTestResult]) -> None:

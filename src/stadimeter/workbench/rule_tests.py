@@ -13,9 +13,10 @@ from __future__ import annotations
 import math
 import random
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, time, timedelta
+from itertools import pairwise
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -27,9 +28,9 @@ from stadimeter.app.clock import SteppedClock, wall_time
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice, DriverContext, Shared
 from stadimeter.config.rule_test_tables import (
+    OF_RULES,
     ExpectTable,
     InputTable,
-    LevelAtTable,
     MotionTable,
     OperatorTable,
     PathPoint,
@@ -40,13 +41,12 @@ from stadimeter.config.rules.conditions import DAYS
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.command import Command, LevelCommand
-from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace
+from stadimeter.core.decision import Decision, Event, EventKind
 from stadimeter.core.detection import TargetShape
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.outputs import safe_command
-from stadimeter.core.plan import Output, Plan
-from stadimeter.core.rule import AnyRule
+from stadimeter.core.plan import Output
 from stadimeter.core.rules.explaining import explain
 from stadimeter.core.stereo_rig import StereoRig
 from stadimeter.errors import ConfigError, JournalError, Problem, StadimeterError
@@ -74,7 +74,7 @@ class Failure(Struct, frozen=True, kw_only=True):
     key: str
     expected: str
     got: str
-    at_s: float | None = None
+    at_s: float
     why: str = ""
 
 
@@ -117,10 +117,9 @@ def _words(problem: Problem) -> str:
 
 def _run(configuration: Configuration, test: RuleTest) -> RuleTestResult:
     plan = configuration.plan
-    subjects = list(_subjects(test, plan))
     trial = run(plan, observations(test.input, configuration))
-    wrong = [(subject, failure) for subject in subjects for failure in subject.failures(trial)]
-    moments = dict.fromkeys(failure.at_s for _, failure in wrong if failure.at_s is not None and not failure.why)
+    wrong = [failure for name in test.expect for failure in _failures(name, test.expect[name], trial)]
+    moments = dict.fromkeys(failure.at_s for failure in wrong if not failure.why)
     decided: dict[float, tuple[float, Decision]] = {}  # in the last cycle that is not after each moment
 
     def see(at_s: float, decision: Decision) -> None:
@@ -130,215 +129,159 @@ def _run(configuration: Configuration, test: RuleTest) -> RuleTestResult:
         run(plan, observations(test.input, configuration), see)
     return RuleTestResult(
         test=test,
-        failures=tuple(_explained(failure, subject, decided) for subject, failure in wrong),
+        failures=tuple(_explained(each, *decided[each.at_s]) if each.at_s in decided else each for each in wrong),
         events=tuple((event.at_s - trial.began_s, event) for event in trial.events),
         took_s=trial.seconds,
         cycles=trial.cycles,
     )
 
 
-def _explained(
-    failure: Failure, subject: _RuleSubject | _OutputSubject, decided: Mapping[float, tuple[float, Decision]]
-) -> Failure:
-    """Add why, unless that is said already."""
-    if failure.why or failure.at_s is None or failure.at_s not in decided:
+def _explained(failure: Failure, at_s: float, decision: Decision) -> Failure:
+    """Add why: the reason of the rule, or what the output did, who commanded it, and why."""
+    if failure.why:
         return failure
-    at_s, decision = decided[failure.at_s]
-    return replace(failure, at_s=at_s, why=subject.describe(decision))
+    if failure.key in OF_RULES:
+        return replace(failure, at_s=at_s, why=explain(decision, failure.subject).sentence)
+    command = next(each for each in decision.commands if each.output == failure.subject)
+    trace = next(each for each in decision.outputs if each.output == failure.subject)
+    why = trace.reason or decision.reasons.get(trace.winner, "")
+    return replace(failure, at_s=at_s, why=f"{_does(command)}, commanded by {trace.winner}: {why}")
 
 
-def _subjects(test: RuleTest, plan: Plan) -> Iterator[_RuleSubject | _OutputSubject]:
-    """Yield everything of which something is expected. A rule and an output may share a name."""
-    for name, expected in test.expect.items():
-        yield from (_RuleSubject(rule, expected) for rule in plan.rules if rule.name == name)
-        for index, output in enumerate(plan.outputs):
-            if output.name == name:
-                yield _OutputSubject(output, index, expected)
+def _failures(name: str, expected: ExpectTable, trial: Trial) -> Iterator[Failure]:
+    """Yield what was not met of a rule, of an output, or of both: they may share a name."""
+    if any(rule.name == name for rule in trial.plan.rules):
+        yield from _RuleOfTrial(name=name, expected=expected, trial=trial).failures()
+    for output in trial.plan.outputs:
+        if output.name == name:
+            yield from _OutputOfTrial(name=name, expected=expected, trial=trial).failures(output)
 
 
-def _unmet_at(
-    changes: Sequence[tuple[float, Any]], last_s: float, moment: float | SpanTable, is_met: Callable[[Any], bool]
-) -> tuple[float, Any] | None:
-    """Return when, at a moment or throughout a span, what was so first was not what is expected; None if never.
-
-    Args:
-        changes: What was so, where that changed; each is so until the next, the last to the end.
-    """
-    start_s, end_s = (moment.start, moment.end_s) if isinstance(moment, SpanTable) else (moment, moment)
-    ends_s = [at_s for at_s, _ in changes[1:]] + [last_s + 2 * _ROUNDING_S]
-    for (at_s, value), until_s in zip(changes, ends_s, strict=True):
-        overlaps = until_s > start_s + _ROUNDING_S and at_s <= max(start_s + _ROUNDING_S, end_s - _ROUNDING_S)
-        if overlaps and not is_met(value):
-            return max(at_s, start_s), value
-    return None
-
-
-class _Subject:
-    """A rule or an output of which something is expected."""
+class _PartOfTrial(Struct, frozen=True, kw_only=True):
+    """A rule or an output in a trial, and what is expected of it."""
 
     name: str
+    expected: ExpectTable
+    trial: Trial
 
-    def failure(self, key: str, expected: str, got: str, at_s: float | None = None) -> Failure:
-        """Return a failure; why is added for its moment."""
-        return Failure(subject=self.name, key=key, expected=expected, got=got, at_s=at_s)
+    def failure(self, key: str, expected: str, got: str, at_s: float, why: str = "") -> Failure:
+        """Return a failure; without a reason, that of its moment is added."""
+        return Failure(subject=self.name, key=key, expected=expected, got=got, at_s=at_s, why=why)
 
-    def moments(
-        self,
-        key: str,
-        trial: Trial,
-        changes: Sequence[tuple[float, Any]],
-        moments: Sequence[tuple[float | SpanTable, str, Callable[[Any], bool]]],
-        got: Callable[[Any], str],
+    def at_moment(
+        self, key: str, moment: float | SpanTable, expected: str, changes: Iterable[tuple[float, bool, str]]
     ) -> Iterator[Failure]:
-        """Yield where something was not so at moments, or throughout spans, that are given with words and a check."""
-        for moment, words, is_met in moments:
-            end_s = moment.end_s if isinstance(moment, SpanTable) else moment
-            when = (
-                f"from {moment.start:.2f} s to {end_s:.2f} s" if isinstance(moment, SpanTable) else f"at {end_s:.2f} s"
-            )
-            unmet = _unmet_at(changes, trial.seconds, moment, is_met)
-            if unmet is not None:
-                yield self.failure(key, f"{words} {when}", f"{got(unmet[1])} at {unmet[0]:.2f} s", unmet[0])
-            elif trial.seconds + _ROUNDING_S < end_s:
-                over = f"the test was over at {trial.seconds:.2f} s"
-                yield self.failure(key, f"{words} {when}", over, trial.seconds)
+        """Yield when, at a moment or throughout a span, something was first not as expected.
+
+        Args:
+            changes: When something changed, whether it is as expected since then, and how it is in words.
+        """
+        seconds = self.trial.seconds
+        if isinstance(moment, SpanTable):
+            start_s, end_s = moment.start, moment.end_s
+            expected += f" from {start_s:.2f} s to {end_s:.2f} s"
+        else:
+            start_s = end_s = moment
+            expected += f" at {end_s:.2f} s"
+        for (at_s, is_met, got), (until_s, *_) in pairwise([*changes, (seconds + 2 * _ROUNDING_S, True, "")]):
+            overlaps = until_s > start_s + _ROUNDING_S and at_s <= max(start_s + _ROUNDING_S, end_s - _ROUNDING_S)
+            if overlaps and not is_met:
+                unmet_s = max(at_s, start_s)
+                yield self.failure(key, expected, f"{got} at {unmet_s:.2f} s", unmet_s)
+                return
+        if seconds + _ROUNDING_S < end_s:
+            yield self.failure(key, expected, f"the test was over at {seconds:.2f} s", seconds)
 
 
-class _RuleSubject(_Subject):
+class _RuleOfTrial(_PartOfTrial, frozen=True):
     """A rule, and what is expected of it."""
 
-    def __init__(self, rule: AnyRule, expected: ExpectTable) -> None:
-        self.name = rule.name
-        self._expected = expected
-
-    def describe(self, decision: Decision) -> str:
-        """Return why the rule did what it did."""
-        return explain(decision, self.name).sentence
-
-    def failures(self, trial: Trial) -> Iterator[Failure]:
+    def failures(self) -> Iterator[Failure]:
         """Yield what was not met, for each key that is given."""
-        expected, traces = self._expected, trial.traces[self.name]
-        yield from self._counts(trial)
+        expected, trial, traces = self.expected, self.trial, self.trial.traces[self.name]
+        yield from self._counts()
         for kind in (EventKind.RAISED, EventKind.CLEARED):
-            yield from self._firsts(trial, kind)
+            yield from self._first(kind)
         for key, words, wanted in (("active_at", "active", True), ("inactive_at", "not active", False)):
-            moments = [
-                (moment, words, lambda trace, wanted=wanted: (trace.active is True) is wanted)
-                for moment in getattr(expected, key) or ()
-            ]
-            yield from self.moments(key, trial, traces, moments, lambda trace: trace.status.value)
-        last: RuleTrace = traces[-1][1]
-        seen = {True: "acknowledged", False: "not acknowledged"}
-        at_end = {
-            "status": (expected.status.value if expected.status else None, last.status.value),
-            "acknowledged": (seen.get(bool(expected.acknowledged)), seen[last.acknowledged]),
-        }
-        for key, (hoped, got) in at_end.items():
-            if getattr(expected, key) is not None and got != hoped:
-                yield self.failure(key, f"{hoped} at the end", f"{got} at {trial.seconds:.2f} s", trial.seconds)
+            for moment in getattr(expected, key) or ():
+                changes = ((at_s, (trace.active is True) is wanted, trace.status.value) for at_s, trace in traces)
+                yield from self.at_moment(key, moment, words, changes)
+        last = traces[-1][1]
+        got = f" at {trial.seconds:.2f} s"
+        if expected.status not in {None, last.status}:
+            yield self.failure("status", f"{expected.status} at the end", f"{last.status}{got}", trial.seconds)
+        if expected.acknowledged not in {None, last.acknowledged}:
+            words, other = ("", "not ") if expected.acknowledged else ("not ", "")
+            hoped = f"{words}acknowledged at the end"
+            yield self.failure("acknowledged", hoped, f"{other}acknowledged{got}", trial.seconds)
 
-    def _events(self, trial: Trial, *kinds: EventKind) -> list[Event]:
-        return [event for event in trial.events if event.source == self.name and event.kind in kinds]
+    def _events(self, *kinds: EventKind) -> list[Event]:
+        return [event for event in self.trial.events if event.source == self.name and event.kind in kinds]
 
-    def _counts(self, trial: Trial) -> Iterator[Failure]:
+    def _counts(self) -> Iterator[Failure]:
         counted = (
-            ("raised", self._events(trial, EventKind.RAISED), "raise"),
-            ("cleared", self._events(trial, EventKind.CLEARED), "clearing"),
-            ("sent", [each for each in trial.sent if each.source == self.name], "message"),
-            ("transitions_max", self._events(trial, EventKind.RAISED, EventKind.CLEARED), "transition"),
+            ("raised", self._events(EventKind.RAISED), "raise"),
+            ("cleared", self._events(EventKind.CLEARED), "clearing"),
+            ("sent", [each for each in self.trial.sent if each.source == self.name], "message"),
+            ("transitions_max", self._events(EventKind.RAISED, EventKind.CLEARED), "transition"),
         )
         for key, events, noun in counted:
-            most: int | None = getattr(self._expected, key)
-            if most is None or len(events) == most or (key.endswith("_max") and len(events) <= most):
+            most: int | None = getattr(self.expected, key)
+            is_limit = key == "transitions_max"
+            if most is None or len(events) == most or (is_limit and len(events) <= most):
                 continue
-            shown = [(event.at_s - trial.began_s, event) for event in events[:SHOWN_EVENTS]]
-            more = ", …" if len(events) > len(shown) else ""
-            times = f" (at {', '.join(f'{at_s:.2f} s' for at_s, _ in shown)}{more})" if shown else ""
-            expected = _counted(most, noun) + (" at most" if key.endswith("_max") else "")
-            failure = self.failure(key, expected, _counted(len(events), noun) + times)
+            times_s = [event.at_s - self.trial.began_s for event in events]
+            shown = ", ".join(f"{at_s:.2f} s" for at_s in times_s[:SHOWN_EVENTS])
+            more = ", …" if len(events) > SHOWN_EVENTS else ""
+            hoped = _counted(most, noun) + (" at most" if is_limit else "")
+            got = _counted(len(events), noun) + (f" (at {shown}{more})" if events else "")
             if len(events) > most:
-                at_s, event = shown[min(most, len(shown) - 1)]
-                yield replace(failure, at_s=at_s, why=f"{event.kind.value}: {event.reason}")
+                first = events[most]
+                yield self.failure(key, hoped, got, times_s[most], f"{first.kind.value}: {first.reason}")
             else:
-                near = RuleStatus.CLEARING if key == "cleared" else RuleStatus.PENDING
-                yield replace(failure, at_s=self._last_near_s(trial, near, events))
+                yield self.failure(key, hoped, got, self.trial.seconds)
 
-    def _last_near_s(self, trial: Trial, status: RuleStatus, events: Sequence[Event]) -> float:
-        """Return the last moment after the last event at which it was about to happen once more; the end if never."""
-        since_s = events[-1].at_s - trial.began_s if events else -math.inf
-        traces = trial.traces[self.name]
-        ends_s = [at_s - 2 * _ROUNDING_S for at_s, _ in traces[1:]] + [trial.seconds]
-        near = [end_s for (_, trace), end_s in zip(traces, ends_s, strict=True) if trace.status is status]
-        return max((end_s for end_s in near if end_s > since_s), default=trial.seconds)
-
-    def _firsts(self, trial: Trial, kind: EventKind) -> Iterator[Failure]:
-        verb = kind.value
-        by_s, after_s = (getattr(self._expected, f"{verb}_{key}") for key in ("by", "after"))
-        if by_s is not None:
-            yield from self._first(trial, f"{verb}_by", kind, f"{verb} by {by_s:.2f} s", by_s=by_s)
-        if after_s is not None:
-            expected = f"{verb} not before {after_s:.2f} s"
-            yield from self._first(trial, f"{verb}_after", kind, expected, not_before_s=after_s)
-
-    def _first(
-        self, trial: Trial, key: str, kind: EventKind, expected: str, by_s: float = math.inf, not_before_s: float = 0.0
-    ) -> Iterator[Failure]:
-        """Yield when the first event of a kind happened, if that is not within a stretch; why is said of its end."""
-        events = self._events(trial, kind)
-        if not events:
-            yield self.failure(key, expected, f"never {kind.value}", min(by_s, trial.seconds))
-            return
-        at_s = events[0].at_s - trial.began_s
-        got = f"{kind.value} at {at_s:.2f} s"
-        if at_s < not_before_s - _ROUNDING_S:
-            yield self.failure(key, expected, got, at_s)
-        elif at_s > by_s + _ROUNDING_S:
-            yield self.failure(key, expected, f"{got}, {at_s - by_s:.2f} s late", by_s)
+    def _first(self, kind: EventKind) -> Iterator[Failure]:
+        """Yield when the first event of a kind came too late or too early; why is said of the limit."""
+        verb, events, end_s = kind.value, self._events(kind), self.trial.seconds
+        by_s, after_s = (getattr(self.expected, f"{verb}_{key}") for key in ("by", "after"))
+        at_s = events[0].at_s - self.trial.began_s if events else math.inf
+        got = f"{verb} at {at_s:.2f} s" if events else f"never {verb}"
+        if by_s is not None and at_s > by_s + _ROUNDING_S:
+            late = f", {at_s - by_s:.2f} s late" if events else ""
+            yield self.failure(f"{verb}_by", f"{verb} by {by_s:.2f} s", got + late, min(by_s, end_s))
+        if after_s is not None and (not events or at_s < after_s - _ROUNDING_S):
+            yield self.failure(f"{verb}_after", f"{verb} not before {after_s:.2f} s", got, min(at_s, end_s))
 
 
 def _counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-class _OutputSubject(_Subject):
+class _OutputOfTrial(_PartOfTrial, frozen=True):
     """An output, and what is expected of it."""
 
-    def __init__(self, output: Output, index: int, expected: ExpectTable) -> None:
-        self.name = output.name
-        self._index = index
-        self._safe = command_figures(safe_command(output))
-        self._expected = expected
-
-    def describe(self, decision: Decision) -> str:
-        """Describe the deeds of the output, who commanded them, and why."""
-        trace = decision.outputs[self._index]
-        why = trace.reason or decision.reasons.get(trace.winner, "")
-        return f"{_does(decision.commands[self._index])}, commanded by {trace.winner}: {why}"
-
-    def failures(self, trial: Trial) -> Iterator[Failure]:
+    def failures(self, output: Output) -> Iterator[Failure]:
         """Yield what was not met, for each key that is given."""
-        expected, commands = self._expected, trial.commands[self.name]
-        levels = [(each.at, *_level_check(each)) for each in expected.level_at or ()]
-        yield from self.moments("level_at", trial, commands, levels, _does)
+        expected, commands = self.expected, self.trial.commands[self.name]
+        for table in expected.level_at or ():
+            low, high = table.limits
+            words = f"level from {max(0.0, low):.2f} to {min(1.0, high):.2f}"
+            changes = ((at_s, low <= _level(each) <= high, _does(each)) for at_s, each in commands)
+            yield from self.at_moment("level_at", table.at, words, changes)
         if expected.speed_max is not None:
             above = next(((at_s, each) for at_s, each in commands if _speed_mps(each) > expected.speed_max), None)
             if above is not None:
                 got = f"{_does(above[1])} at {above[0]:.2f} s"
                 yield self.failure("speed_max", f"never faster than {expected.speed_max:.2f} m/s", got, above[0])
+        safe = command_figures(safe_command(output))
         for key, words, wanted in (
             ("stopped_at", "at its safe value", True),
             ("acts_at", "not at its safe value", False),
         ):
-            moments = [
-                (moment, words, lambda each, wanted=wanted: (command_figures(each) == self._safe) is wanted)
-                for moment in getattr(expected, key) or ()
-            ]
-            yield from self.moments(key, trial, commands, moments, _does)
-
-
-def _level_check(table: LevelAtTable) -> tuple[str, Callable[[Command], bool]]:
-    low, high = table.limits
-    return f"level from {max(0.0, low):.2f} to {min(1.0, high):.2f}", lambda command: low <= _level(command) <= high
+            for moment in getattr(expected, key) or ():
+                changes = ((at_s, (command_figures(each) == safe) is wanted, _does(each)) for at_s, each in commands)
+                yield from self.at_moment(key, moment, words, changes)
 
 
 def _level(command: Command) -> float:
