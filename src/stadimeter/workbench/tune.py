@@ -18,7 +18,7 @@ import time
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import count, pairwise
+from itertools import combinations, count, pairwise, takewhile
 from operator import attrgetter, itemgetter
 from pathlib import Path
 from statistics import NormalDist
@@ -286,10 +286,8 @@ BLOCK_S = 2.0
 # would decide between them.
 APART = 0.05
 
-# A setting goes to the centre of where it does as well, which ends at this many times the change that is needed: where
-# nothing speaks against more, there is a limit.
-NEEDED_TIMES = 3
-_BISECTIONS = 8
+# A setting goes to the middle of the values that do as well, up to this many times the change that is needed.
+FAR_TIMES = 3
 
 Values = Mapping[str, float]
 
@@ -298,26 +296,20 @@ class Evidence(Struct, frozen=True, kw_only=True, eq=False):
     """A recording with what an alarm should have done in it.
 
     Attributes:
-        before: When the alarm stood as it is; None where all is known that it should have done.
+        before: When the alarm stood as it is, where no mark is; none where all is known that it should have done.
     """
 
     signal: Signal
     marks: Sequence[FiringMark]
-    before: Sequence[Span] | None
+    before: Sequence[Span] = ()
 
     def elsewhere(self, firings: Sequence[Span]) -> int:
         """Count the alarms that come or go though no mark is about them, or are too many or too few for the marks."""
         wanted = [sum(mark.wants(firing) for firing in firings) for mark in self.marks if not mark.is_moment]
-        more = sum(max(0, each - 1) for each in wanted)
-        # One alarm through two visits is none that was wanted for either.
-        hoped = [mark for mark in self.marks if mark.should_fire]
-        apart = [pair for pair in pairwise(hoped) if abs(pair[1].from_s - pair[0].to_s) > JOINED_S]
-        more += sum(first.wants(each) and second.wants(each) for first, second in apart for each in firings)
-        pairs = [(firings, self.before or ()), *([(self.before, firings)] if self.before is not None else [])]
-        return more + sum(
+        return sum(max(0, each - 1) for each in wanted) + sum(
             not any(mark.touches(firing) for mark in self.marks)
             and not any(abs(firing[0] - other[0]) <= SAME_WITHIN_S for other in others)
-            for each, others in pairs
+            for each, others in ((firings, self.before), (self.before, firings))
             for firing in each
         )
 
@@ -348,7 +340,7 @@ class Search(Struct, kw_only=True):
     tried: dict[tuple[tuple[str, float], ...], Tried] = msgspec.field(default_factory=dict)
 
     def best(self) -> list[Tried]:
-        """Return the best few, each of another set of settings that change, at the centre of where it does as well."""
+        """Return the best few, each of another set of settings that change, amid where it does as well."""
         for least in (APART, 0.0):
             self._try_all(least)
             if not self._best(1)[0].score.unmet:
@@ -358,7 +350,7 @@ class Search(Struct, kw_only=True):
             # What changes the same settings, or more of them, and does no better than one before, is none of its own.
             if not any(other.values.keys() <= each.values.keys() for other in found):
                 found.append(each)
-        return sorted(map(self._centre, found[:SHOWN_MAX]), key=attrgetter("score"))
+        return [self._amid(each, least) for each in found[:SHOWN_MAX]]
 
     def _try_all(self, least: float) -> None:
         self.attempt({})
@@ -391,10 +383,6 @@ class Search(Struct, kw_only=True):
                 elsewhere += each.elsewhere(firings)
             self.tried[asked] = Tried(changed, Score(met.count(False), elsewhere, len(changed)), tuple(met))
         return self.tried[asked]
-
-    @property
-    def _has_marks(self) -> bool:
-        return self.evidence[0].before is not None
 
     @property
     def _own(self) -> dict[str, float]:
@@ -442,42 +430,26 @@ class Search(Struct, kw_only=True):
             found |= {side * float(lowest) for lowest in _turning_points(each.signal.at_s, crossed)}
         return found
 
-    def _centre(self, found: Tried) -> Tried:
-        """Return settings as good as these, each changed one in the middle of where it may be, rounded."""
-        for key in found.values:
+    def _amid(self, found: Tried, least: float) -> Tried:
+        """Return settings as good as these, each changed one in the middle of the values that do as well."""
+        for key, value in found.values.items():
             own = self._own[key]
-            place = thresholds_of(self.rule).get(key)
-            low, high = (place.place.low, place.place.high) if place else (0.0, math.inf)
-            needed = self._end_of(found, key, own)
-            far = min(max(own + NEEDED_TIMES * (needed - own), low), high)
-            room = self._end_of(found, key, far) - needed
-            # Without marks a longer delay or a wider deadband is worse: half as much again as is needed will do.
-            share = 0.5 if self._has_marks else min(0.5, 0.5 * abs(needed - own) / (abs(room) or 1.0))
-            tried = self.attempt({**found.values, key: _roundest(needed + share * room, abs(share * room))})
-            found = tried if tried.score == found.score else found
+            further = [each for each in self._candidates(key, least) if 1 <= (each - own) / (value - own) <= FAR_TIMES]
+            tried = [self.attempt({**found.values, key: each}) for each in further]
+            as_good = [*takewhile(lambda each, score=found.score: each.score == score, tried)]
+            found = as_good[len(as_good) // 2]
         return found
 
-    def _end_of(self, found: Tried, key: str, far: float) -> float:
-        """Return the furthest value from its own towards another at which a setting does as well."""
-        near = found.values[key]
-        for _ in range(_BISECTIONS):
-            middle = (near + far) / 2
-            is_as_good = self.attempt({**found.values, key: middle}).score[:2] == found.score[:2]
-            near, far = (middle, far) if is_as_good else (near, middle)
-        return near
-
     def contradiction(self) -> list[FiringMark]:
-        """Return two marks that no settings that were tried meet both; or one; none if it is more than two."""
+        """Return a mark that no settings that were tried meet, or else two, or none."""
         marks = [mark for each in self.evidence for mark in each.marks]
         met = np.array([each.met for each in self.tried.values()], bool)
-        alone = [mark for column, mark in enumerate(marks) if not met[:, column].any()]
-        pairs = (
-            (abs(first.from_s - second.from_s), [first, second])
-            for row, first in enumerate(marks)
-            for column, second in enumerate(marks[row + 1 :], row + 1)
-            if not np.any(met[:, row] & met[:, column])
-        )
-        return alone[:1] or min(pairs, key=itemgetter(0), default=(0.0, []))[1]
+        for number in (1, 2):
+            found = [each for each in combinations(range(len(marks)), number) if not met[:, each].all(axis=1).any()]
+            if found:
+                nearest = min(found, key=lambda each: abs(marks[each[0]].from_s - marks[each[-1]].from_s))
+                return [marks[each] for each in nearest]
+        return []
 
     def describe(self, mark: FiringMark) -> str:
         """Say how the figure was at a mark: how far it went, and for how long it was within the threshold."""
@@ -515,13 +487,15 @@ def _turning_points(at_s: Floats, crossed: Floats) -> Iterator[float]:
 
 
 def _between(values: Iterable[float], least: float) -> list[float]:
-    """Return a value between each two that follow each other and are apart, and one beyond each end.
+    """Return a round value between each two that follow each other and are apart, and one beyond each end.
 
     Args:
         least: How far apart at least, as a share of the larger.
     """
     found = sorted(values)
-    between = [(low + high) / 2 for low, high in pairwise(found) if high - low > least * abs(high)]
+    between = [
+        _roundest((low + high) / 2, (high - low) / 2) for low, high in pairwise(found) if high - low > least * abs(high)
+    ]
     return [found[0] - abs(found[0]) / 20, *between, found[-1] + abs(found[-1]) / 20] if found else []
 
 
@@ -671,7 +645,7 @@ class Tuning:
                 true = stays(signal.at_s.tolist(), signal.value.tolist(), condition.limits)
                 spans = ((each.from_s - EARLY_S, each.to_s) for each in true)
                 here = [FiringMark(recording=recording, from_s=at, to_s=to, should_fire=True) for at, to in spans]
-                evidence.append(Evidence(signal=signal, marks=here, before=None))
+                evidence.append(Evidence(signal=signal, marks=here))
         band = band_key(condition)
         keys = [*(thresholds_of(alarm) if marks else ()), "on_delay", "off_delay", band, f"{band}_sigmas"]
         return Search(rule=alarm, condition=condition, evidence=evidence, keys=keys)
