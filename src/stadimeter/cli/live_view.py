@@ -253,8 +253,7 @@ class LiveView:
         if track.is_valid:
             speed = format_closing(track.closing_mps, track.closing_sigma_mps, self._unit)
             tilt = format_tilt(self._snapshot.tilts_rad.get(track.target))
-            where = Text(f"{speed:<16} {format_bearing(track.bearing_rad):<9} ")
-            where.append_text(bearing_scale(track.bearing_rad)).append(f"  {tilt}" if tilt else "")
+            where = Text(f"{speed:<16} {format_bearing(track.bearing_rad):<9} {tilt}")
         else:
             seen_at_s = track.measured_at_s
             where = Text("" if seen_at_s is None else f"last seen {format_time(now_s - seen_at_s)} ago", "italic")
@@ -393,22 +392,6 @@ def _essence(payload: str) -> str:
         return payload
     shown = (f"{key} {value}" for key, value in figures.items() if key not in PROGRAMS_ONLY and value is not None)
     return "  ".join(shown)
-
-
-# The bearing's scale reaches this far to either side: about what a common lens sees.
-BEARING_END_RAD = math.radians(30)
-
-
-def bearing_scale(bearing_rad: float | None) -> Text:
-    """Draw a bearing, positive to the right, on a scale such as ``├──●────┼───────┤``; empty if unknown."""
-    if bearing_rad is None or not math.isfinite(bearing_rad):
-        return Text()
-    share = bearing_rad / BEARING_END_RAD
-    cells, place = [*"├───────┼───────┤"], 8 + round(max(-1.0, min(1.0, share)) * 7)
-    cells[place] = "●" if abs(share) <= 1 else "▶" if share > 0 else "◀"
-    scale = Text("".join(cells), "dim")
-    scale.stylize("not dim bold bright_cyan", place, place + 1)
-    return scale
 
 
 # A strip chart in a terminal: distances over the last half minute as lines of dots, limits as dashes -----------------
