@@ -51,7 +51,7 @@ from stadimeter.core.rules.explaining import explain
 from stadimeter.core.stereo_rig import StereoRig
 from stadimeter.errors import ConfigError, JournalError, Problem, StadimeterError
 from stadimeter.operator_actions import OperatorAction, OperatorCommand
-from stadimeter.ranging.similar_triangles import expect
+from stadimeter.ranging.similar_triangles import Expectation, expect
 from stadimeter.ranging.stereo import straight_ahead_share
 from stadimeter.workbench.replay import read_recording
 from stadimeter.workbench.trial import Trial, command_figures, run
@@ -404,72 +404,58 @@ def _command(order: OperatorTable, identity: str) -> OperatorCommand:
 # Nothing smaller is found, however good the picture.
 MIN_SIZE_PX = 3.0
 
+# A range sensor is as sure as those that there are, in the middle of their range, and no further.
+RANGE_SENSOR_SIGMA_M, RANGE_SENSOR_MAX_M = 0.02, 4.0
 
-class SensorModel:
-    """A camera that looks at a target of known size."""
 
-    def __init__(self, size: TargetShape, camera: CameraModel) -> None:
-        self._size = size
-        self._exact = replace(camera, focal_relative_sigma=0.0, uncertainty=None)
-        self._stays = math.hypot(camera.focal_relative_sigma, size.relative_sigma)
+class SensorModel(Struct, frozen=True, kw_only=True):
+    """A camera, or two, that look at a target of known size; or a range sensor.
+
+    Attributes:
+        size: Of the target; None for a range sensor, which needs neither it nor a lens.
+        rig: The two cameras, where the size is only a guess.
+    """
+
+    size: TargetShape | None
+    camera: CameraModel
+    rig: StereoRig | None = None
 
     def sigmas_m(self, distance_m: float) -> tuple[float, float]:
         """Return the uncertainty of a distance, as `stadimeter.ranging.similar_triangles` expects it.
 
+        Two cameras triangulate straight ahead: noise moves the middle of an outline by half of what it adds to its
+        size, in each of two pictures; and an error of the disparity counts as one of the size does, by the baseline in
+        place of the size.
+
         Returns:
             The whole standard deviation in metres, and the part of it that differs from frame to frame.
         """
-        noise_m = expect(self._size, self._exact, distance_m).sigma_m
-        return math.hypot(noise_m, self._stays * distance_m), noise_m
+        if self.size is None:
+            return RANGE_SENSOR_SIGMA_M, RANGE_SENSOR_SIGMA_M
+        if self.rig is None:
+            noise_m = self._expect(self.size, distance_m).sigma_m
+            stays = math.hypot(self.camera.focal_relative_sigma, self.size.relative_sigma)
+        else:
+            of_size_m = self._expect(self.size, distance_m).noise_m
+            noise_m = of_size_m * self.size.shortest_m / self.rig.baseline_m / math.sqrt(2)
+            stays = straight_ahead_share(self.rig, distance_m)
+        return math.hypot(noise_m, stays * distance_m), noise_m
 
     def size_share(self, distance_m: float) -> float | None:
-        """Return its larger extent in the picture at a distance, as a share of the picture's width."""
-        size_px = expect(self._size, self._exact, distance_m).size_px
-        return size_px * self._size.longest_m / self._size.shortest_m / self._exact.width_px
+        """Return its larger extent in the picture at a distance, as a share of the picture's width; None without."""
+        if self.size is None:
+            return None
+        size_px = self._expect(self.size, distance_m).size_px
+        return size_px * self.size.longest_m / self.size.shortest_m / self.camera.width_px
 
     def is_found(self, distance_m: float) -> bool:
-        """Check whether the target appears large enough at a distance for any detector to find it."""
-        return expect(self._size, self._exact, distance_m).size_px >= MIN_SIZE_PX
+        """Check whether the target appears large enough for any detector to find it, or is within a sensor's range."""
+        if self.size is None:
+            return distance_m <= RANGE_SENSOR_MAX_M
+        return self._expect(self.size, distance_m).size_px >= MIN_SIZE_PX
 
-
-class TwoCameraModel(SensorModel):
-    """Two cameras that look at a target whose size is only a guess: how sure they are follows from their baseline."""
-
-    def __init__(self, size: TargetShape, rig: StereoRig) -> None:
-        super().__init__(size, rig.left)
-        self._rig = rig
-
-    def sigmas_m(self, distance_m: float) -> tuple[float, float]:
-        """Return the uncertainty of triangulation straight ahead.
-
-        Noise moves the middle of an outline by half of what it adds to its size, in each of two pictures; and an error
-        of the disparity counts as one of the size does, by the baseline in place of the size.
-        """
-        of_size_m = expect(self._size, self._exact, distance_m).noise_m
-        noise_m = of_size_m * self._size.shortest_m / self._rig.baseline_m / math.sqrt(2)
-        return math.hypot(noise_m, straight_ahead_share(self._rig, distance_m) * distance_m), noise_m
-
-
-class RangeSensorModel(SensorModel):
-    """A range sensor: as sure as those that there are, in the middle of their range, and no further."""
-
-    SIGMA_M = 0.02
-    MAX_RANGE_M = 4.0
-
-    def __init__(self) -> None:
-        """Need neither the size of the target nor the lens."""
-
-    def sigmas_m(self, distance_m: float) -> tuple[float, float]:  # noqa: ARG002 - those of ours hardly depend on it
-        """Return the standard deviation in metres, all of which differs from one echo to the next."""
-        return self.SIGMA_M, self.SIGMA_M
-
-    def size_share(self, distance_m: float) -> float | None:  # noqa: ARG002
-        """Return None: it has no picture."""
-        return None
-
-    def is_found(self, distance_m: float) -> bool:
-        """Check whether the target is within its range."""
-        return distance_m <= self.MAX_RANGE_M
+    def _expect(self, size: TargetShape, distance_m: float) -> Expectation:
+        return expect(size, replace(self.camera, focal_relative_sigma=0.0, uncertainty=None), distance_m)
 
 
 def sensor_models(configuration: Configuration) -> Mapping[str, SensorModel]:
@@ -482,7 +468,7 @@ def sensor_models(configuration: Configuration) -> Mapping[str, SensorModel]:
     if camera is None:
         message = "there is no camera model, so nothing has a noise"
         raise ConfigError([Problem(message, str(configuration.path), key="camera.model")])
-    models: dict[str, SensorModel] = {each.name: RangeSensorModel() for each in configuration.sensors}
+    models = {each.name: SensorModel(size=None, camera=camera) for each in configuration.sensors}
     shared = Shared()
     try:
         if configuration.world is not None:
@@ -491,9 +477,8 @@ def sensor_models(configuration: Configuration) -> Mapping[str, SensorModel]:
             try:
                 shape = _build(choice, camera, shared).target_shape
                 rig = configuration.rig if math.isinf(shape.relative_sigma) else None
-                models |= dict.fromkeys(
-                    choice.members, SensorModel(shape, camera) if rig is None else TwoCameraModel(shape, rig)
-                )
+                model = SensorModel(size=shape, camera=camera if rig is None else rig.left, rig=rig)
+                models |= dict.fromkeys(choice.members, model)
             except StadimeterError as error:
                 message = f"how large the target is cannot be known: {error}"
                 raise ConfigError([Problem(message, str(configuration.path), key=f"targets.{choice.name}")]) from error
