@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from statistics import median
 from typing import Annotated, Any
@@ -13,14 +13,14 @@ import typer
 from msgspec import Struct, field
 
 from stadimeter.app.exact_json import plain
-from stadimeter.app.recordings.journal import Journal, JournalWriter, RecordedCycle
+from stadimeter.app.recordings.journal import JournalWriter, RecordedCycle
 from stadimeter.cli.exits import NOT_FOUND, plain_errors, working
 from stadimeter.config.files import sha256_of
 from stadimeter.core.decision import Decision, Event
 from stadimeter.core.observation import Observation
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay import AnyRecording, Replayed, ReplayRun, journal_record, read_recording, replay_run
-from stadimeter.workbench.trial import EventChange, RuleChange, RuleFigures, Trial, TrialDiff, compare
+from stadimeter.workbench.trial import Trial, TrialDiff, compare
 
 
 def replay(
@@ -81,31 +81,14 @@ def replay(
         raise typer.Exit(NOT_FOUND)
 
 
-class MeasuredAgain(Struct, frozen=True, kw_only=True):
-    """One target in the pictures of a recording.
-
-    Attributes:
-        frames: Pictures in which it was looked for again.
-        found_before: Those of them in which it was measured when they were recorded.
-        found_again: Those of them in which it is measured now.
-        differs_median_m: Median difference of the two distances; None if it was never measured both times.
-    """
-
-    target: str
-    frames: int
-    found_before: int
-    found_again: int
-    differs_median_m: float | None = None
-    differs_most_m: float | None = None
-
-
 class Replay(Struct, kw_only=True):
     """A replay beside its recording.
 
     Attributes:
-        trial: What is decided now; None without cycles.
+        trial: What is decided now.
         identical: Cycles in which the decision was the recorded one, to the last bit.
         frames: Cycles with a frame; of a replay from pictures, with one whose picture was recorded.
+        pairs_m: Of each target that was measured again, its distances when it was recorded and now.
         diff: What other rules change; None if that was not asked for.
     """
 
@@ -114,8 +97,8 @@ class Replay(Struct, kw_only=True):
     frames: int = 0
     recorded_frames: int = 0
     targets: set[str] = field(default_factory=set)
+    pairs_m: dict[str, list[tuple[float | None, float | None]]] = field(default_factory=dict)
     diff: TrialDiff | None = None
-    _pairs: dict[str, list[tuple[float | None, float | None]]] = field(default_factory=dict)
 
     def add(self, cycle: RecordedCycle, observation: Observation, decision: Decision) -> None:
         """Add one cycle; raises JournalError if the recorded one is damaged."""
@@ -131,20 +114,23 @@ class Replay(Struct, kw_only=True):
         before_m = {measured.target: measured.distance_m for measured in before.measurements}
         for measured in again.measurements:
             pair = before_m.get(measured.target), measured.distance_m
-            self._pairs.setdefault(measured.target, []).append(pair)
+            self.pairs_m.setdefault(measured.target, []).append(pair)
 
-    def measured_again(self) -> Iterator[MeasuredAgain]:
-        """Yield how each target that was measured again compares."""
-        for target, pairs in self._pairs.items():
+    def measured_again(self) -> list[dict[str, Any]]:
+        """Return in how many pictures each target was measured, and by how much the two distances differ."""
+        found = []
+        for target, pairs in self.pairs_m.items():
             apart_m = [abs(again - before) for before, again in pairs if before is not None and again is not None]
-            yield MeasuredAgain(
-                target=target,
-                frames=len(pairs),
-                found_before=sum(before is not None for before, _ in pairs),
-                found_again=sum(again is not None for _, again in pairs),
-                differs_median_m=median(apart_m) if apart_m else None,
-                differs_most_m=max(apart_m, default=None),
-            )
+            told = {
+                "target": target,
+                "frames": len(pairs),
+                "found_before": sum(before is not None for before, _ in pairs),
+                "found_again": sum(again is not None for _, again in pairs),
+                "differs_median_m": median(apart_m) if apart_m else None,
+                "differs_most_m": max(apart_m, default=None),
+            }
+            found.append(told)
+        return found
 
 
 def replay_beside(new: ReplayRun, old: ReplayRun | None = None, journal: Path | None = None) -> Replay:
@@ -172,9 +158,8 @@ def _open_journal(run: ReplayRun, journal: Path | None) -> Iterator[Callable[[Re
         yield lambda _replayed: None
         return
     source = run.recording
-    with suppress(FileNotFoundError):
-        if journal.samefile(source.path):
-            raise JournalError(f"{journal} is the recording that is replayed; choose another file")
+    if journal.exists() and journal.samefile(source.path):
+        raise JournalError(f"{journal} is the recording that is replayed; choose another file")
 
     def write(replayed: Replayed) -> None:
         cycle, observation, _ = replayed
@@ -191,8 +176,7 @@ def _open_journal(run: ReplayRun, journal: Path | None) -> Iterator[Callable[[Re
 
 def _warnings(source: AnyRecording, run: ReplayRun, found: Replay) -> Iterator[str]:
     if source.is_cut_off():
-        end = "the last line is cut off" if isinstance(source, Journal) else "its end is missing"
-        yield f"{source.path}: {end}; the {found.trial.cycles} whole cycles are used"
+        yield f"{source.path}: its end is missing; the {found.trial.cycles} whole cycles are used"
     missing = sorted(set(run.configuration.plan.targets) - found.targets)
     if found.frames and missing:
         yield f"{source.path}: no frame was searched for {', '.join(repr(name) for name in missing)}"
@@ -212,29 +196,34 @@ def _figures(found: Replay, *, same_rules: bool) -> dict[str, Any]:
     }
     if found.diff is not None:
         figures["diff"] = plain(found.diff)
-    if again := [plain(target) for target in found.measured_again()]:
+    if again := found.measured_again():
         figures["measured_again"] = again
     return figures
 
 
 def _lines(found: Replay, *, same_rules: bool) -> Iterator[str]:
-    again = list(_again_lines(found.measured_again()))
-    if found.diff is not None:
-        yield from (*_diff_lines(found.diff), *again)
-        return
-    yield from map(_event_line, found.trial.events)
-    rules = "the configuration of the recording" if same_rules else "another configuration than the recording's"
-    yield from again or [f"{found.trial.cycles} cycles, {found.identical} decisions identical, with {rules}."]
+    yield from map(_event_line, found.trial.events) if found.diff is None else _diff_lines(found.diff)
+    for told in found.measured_again():
+        seen = f"found in {told['found_again']} of {told['frames']} pictures, {told['found_before']} when recorded"
+        apart = ""
+        if told["differs_median_m"] is not None:
+            median_mm, most_mm = (told[key] * 1000 for key in ("differs_median_m", "differs_most_m"))
+            apart = f"; difference of the distances: median {median_mm:.1f} mm, at most {most_mm:.1f} mm"
+        yield f"{told['target']}: {seen}{apart}."
+    if found.diff is None and not found.pairs_m:
+        rules = "the configuration of the recording" if same_rules else "another configuration than the recording's"
+        yield f"{found.trial.cycles} cycles, {found.identical} decisions identical, with {rules}."
 
 
 # At most this many events that changed are listed; ``--json`` has all of them.
 SHOWN_CHANGES = 40
 
-_FIGURES: tuple[tuple[str, Callable[[RuleFigures], str]], ...] = (
-    ("raised", lambda rule: str(rule.raised)),
-    ("latency, worst", lambda rule: "-" if rule.late_worst_s is None else f"{rule.late_worst_s:.2f} s"),
-    ("crossings missed", lambda rule: _count(rule.missed)),
-    ("false alarms", lambda rule: _count(rule.unfounded)),
+# What is shown of each rule, with its name in `RuleFigures`, and its unit.
+_FIGURES = (
+    ("raised", "raised", ""),
+    ("latency, worst", "late_worst_s", "s"),
+    ("crossings missed", "missed", ""),
+    ("false alarms", "unfounded", ""),
 )
 
 
@@ -243,41 +232,19 @@ def _event_line(event: Event) -> str:
     return f"{event.at_s:9.3f} s  {event.kind.value:<16} {event.source:<16} {event.reason}"
 
 
-def _again_lines(targets: Iterable[MeasuredAgain]) -> Iterator[str]:
-    """Return in lines how what was measured again compares with what was recorded."""
-    for target in targets:
-        found = f"found in {target.found_again} of {target.frames} pictures, {target.found_before} when recorded"
-        if target.differs_median_m is None or target.differs_most_m is None:
-            yield f"{target.target}: {found}."
-            continue
-        apart = f"median {target.differs_median_m * 1000:.1f} mm, at most {target.differs_most_m * 1000:.1f} mm"
-        yield f"{target.target}: {found}; difference of the distances: {apart}."
-
-
 def _diff_lines(diff: TrialDiff) -> Iterator[str]:
     """Describe what other rules change, in lines."""
     for change in diff.changes[:SHOWN_CHANGES]:
-        yield _change_line(change)
+        by = f"by {change.by_s:+.3f} s" if change.change == "moved" else ""
+        yield f"{change.change:<5} {by:<14} {_event_line(change.event)}"
     if len(diff.changes) > SHOWN_CHANGES:
         yield f"… and {len(diff.changes) - SHOWN_CHANGES} more; --json has all of them"
     yield diff.summary()
     for rule in diff.rules:
-        yield from _rule_lines(rule)
-
-
-def _change_line(change: EventChange) -> str:
-    by = f"by {change.by_s:+.3f} s" if change.change == "moved" else ""
-    return f"{change.change:<5} {by:<14} {_event_line(change.event)}"
-
-
-def _rule_lines(change: RuleChange) -> Iterator[str]:
-    yield ""
-    yield f"{change.rule:<28} {'old':>10} {'new':>10}"
-    for name, shown in _FIGURES:
-        old, new = ("-" if figures is None else shown(figures) for figures in (change.old, change.new))
-        if {old, new} != {"-"}:
-            yield f"  {name:<26} {old:>10} {new:>10}"
-
-
-def _count(count: int | None) -> str:
-    return "-" if count is None else str(count)
+        yield ""
+        yield f"{rule.rule:<28} {'old':>10} {'new':>10}"
+        for name, key, unit in _FIGURES:
+            found = [getattr(each, key, None) for each in (rule.old, rule.new)]
+            old, new = ("-" if each is None else f"{each:.2f} s" if unit else str(each) for each in found)
+            if {old, new} != {"-"}:
+                yield f"  {name:<26} {old:>10} {new:>10}"

@@ -18,7 +18,7 @@ import time
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations, count, pairwise, takewhile
+from itertools import combinations, count, pairwise
 from operator import attrgetter, itemgetter
 from pathlib import Path
 from statistics import NormalDist
@@ -434,10 +434,10 @@ class Search(Struct, kw_only=True):
         """Return settings as good as these, each changed one in the middle of the values that do as well."""
         for key, value in found.values.items():
             own = self._own[key]
-            further = [each for each in self._candidates(key, least) if 1 <= (each - own) / (value - own) <= FAR_TIMES]
-            tried = [self.attempt({**found.values, key: each}) for each in further]
-            as_good = [*takewhile(lambda each, score=found.score: each.score == score, tried)]
-            found = as_good[len(as_good) // 2]
+            further = [each for each in self._candidates(key, least) if 1 < (each - own) / (value - own) <= FAR_TIMES]
+            tried = [self.attempt({**found.values, key: each}) for each in (value, *further)]
+            as_good = next((number for number, each in enumerate(tried) if each.score != found.score), len(tried))
+            found = tried[as_good // 2]
         return found
 
     def contradiction(self) -> list[FiringMark]:
