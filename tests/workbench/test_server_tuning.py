@@ -63,7 +63,7 @@ def test_what_hundreds_of_settings_are_tried_with_comes_to_the_cores_own_verdict
     for values in (
         {"below": 0.8, "off_delay": 0.0},
         {"below": 0.95, "on_delay": 2.5, "deadband": 0.3},
-        {"on_delay": 0.3, "off_delay": 3.0, "deadband_sigmas": 0.0},
+        {"on_delay": 0.3, "off_delay": 3.0, "deadband": 0.05},
     ):
         text = with_settings(tuning.configuration, tuning.text, "near", values)
         changed = load_configuration(desk.configuration, texts={desk.configuration: text})

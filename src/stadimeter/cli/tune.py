@@ -131,12 +131,8 @@ def _tell(tuning: Tuning, rule: str, proposals: Sequence[Proposal]) -> None:
 
 def _settings(proposal: Proposal, was: dict[str, RuleSetting]) -> Iterator[str]:
     for key, value in proposal.values.items():
-        now = value if isinstance(value, str) else _figure(value, was[key].unit)
-        yield f"{key} {now} (was {_figure(was[key].value, was[key].unit)})"
-
-
-def _figure(value: float, unit: str) -> str:
-    return figure_in_words(value, unit) if unit else f"{value:g}"
+        now = value if isinstance(value, str) else figure_in_words(value, was[key].unit)
+        yield f"{key} {now} (was {figure_in_words(was[key].value, was[key].unit)})"
 
 
 def _counts(proposal: Proposal) -> Iterator[str]:

@@ -6,7 +6,7 @@ Names follow the keys of `when`, as those of the thresholds that operators set: 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 from msgspec import Struct
 
@@ -28,7 +28,7 @@ class RuleSetting(Struct, frozen=True, kw_only=True):
 
     Attributes:
         value: As it is now, in the SI unit; an on-delay in frames counts as 0.
-        unit: Empty for a deadband in standard deviations.
+        unit: The SI unit.
     """
 
     path: KeyPath
@@ -37,7 +37,7 @@ class RuleSetting(Struct, frozen=True, kw_only=True):
 
     def written(self, value: float) -> str:
         """Return a value as TOML has it; six digits are more than any camera measures."""
-        return f'"{value:.6g} {self.unit}"' if self.unit else f"{value:.6g}"
+        return f'"{value:.6g} {self.unit}"'
 
 
 def alarm_named(configuration: Configuration, name: str) -> tuple[CompiledRule, AlarmRule]:
@@ -93,7 +93,7 @@ def _in_si(setting: RuleSetting, key: str, value: float | str) -> float:
     if not isinstance(value, str):
         return value
     try:
-        parsed, unit = parse_any_quantity(value) if setting.unit else (float(value), "")
+        parsed, unit = parse_any_quantity(value)
     except ValueError as error:
         raise ConfigError([Problem(str(error), key=key)]) from error
     if unit != setting.unit:
@@ -101,24 +101,19 @@ def _in_si(setting: RuleSetting, key: str, value: float | str) -> float:
     return parsed
 
 
-def _deadbands(alarm: AlarmRule, written: list[WrittenCondition]) -> Iterator[tuple[str, RuleSetting]]:
-    """Yield the deadbands; those of several conditions begin with where the condition stands, as thresholds do."""
+def _deadbands(alarm: AlarmRule, written: list[WrittenCondition]) -> dict[str, RuleSetting]:
+    """Return the deadbands; those of several conditions begin with where the condition stands, as thresholds do."""
     parts = zip(named_leaves(alarm.condition), written, strict=True)
     limits = [
         (within, leaf, each)
         for (within, leaf), each in parts
         if isinstance(leaf, LimitsCondition) and leaf.section not in {"still", "base"}  # which have none
     ]
+    found = {}
     for within, leaf, each in limits:
-        inside = f"{leaf.section}." if leaf.section else ""
-        where = f"{within if len(limits) > 1 else ''}{inside}"
-        path = each.limits_path
-        yield f"{where}deadband", RuleSetting(path=(*path, "deadband"), value=leaf.deadband, unit=leaf.unit)
-        if leaf.probability_on is not None or leaf.deadband_sigmas:
-            yield (
-                f"{where}deadband_sigmas",
-                RuleSetting(path=(*path, "deadband_sigmas"), value=leaf.deadband_sigmas, unit=""),
-            )
+        key = f"{within if len(limits) > 1 else ''}{f'{leaf.section}.' if leaf.section else ''}deadband"
+        found[key] = RuleSetting(path=(*each.limits_path, "deadband"), value=leaf.deadband, unit=leaf.unit)
+    return found
 
 
 def _is_comparison(written: WrittenCondition) -> bool:

@@ -386,13 +386,11 @@ class Search(Struct, kw_only=True):
 
     @property
     def _own(self) -> dict[str, float]:
-        band = band_key(self.condition)
         return {
             **{key: each.value for key, each in thresholds_of(self.rule).items()},
             "on_delay": self.rule.on_delay.hold_s,
             "off_delay": self.rule.off_delay_s,
-            band: self.condition.deadband,
-            f"{band}_sigmas": self.condition.deadband_sigmas,
+            band_key(self.condition): self.condition.deadband,
         }
 
     def _with(self, values: Values) -> tuple[AlarmRule, SoughtCondition]:
@@ -403,9 +401,7 @@ class Search(Struct, kw_only=True):
         condition = rule.condition
         if not isinstance(condition, SoughtCondition):
             raise TypeError(f"the rule {rule.name} has no limit on one figure")  # checked before
-        key = band_key(condition)
-        sigmas = values.get(f"{key}_sigmas", condition.deadband_sigmas)
-        return rule, replace(condition, deadband=values.get(key, condition.deadband), deadband_sigmas=sigmas)
+        return rule, replace(condition, deadband=values.get(band_key(condition), condition.deadband))
 
     def _candidates(self, key: str, least: float) -> list[float]:
         """Return values of a setting, the nearest to the rule's own first; thresholds between the signal's turns."""
@@ -413,8 +409,6 @@ class Search(Struct, kw_only=True):
         values: Sequence[float] = DELAYS_S
         if key in thresholds_of(self.rule):
             values = _thin(_between(self._crossings(key), least), THRESHOLDS_MAX)
-        elif key.endswith("_sigmas"):
-            values = (0.0,)
         elif key == band_key(self.condition):
             limit = next((abs(limit) for limit in self.condition.limits if math.isfinite(limit)), 0.0)
             values = [share * (limit or 1.0) for share in BANDS]
@@ -646,8 +640,7 @@ class Tuning:
                 spans = ((each.from_s - EARLY_S, each.to_s) for each in true)
                 here = [FiringMark(recording=recording, from_s=at, to_s=to, should_fire=True) for at, to in spans]
                 evidence.append(Evidence(signal=signal, marks=here))
-        band = band_key(condition)
-        keys = [*(thresholds_of(alarm) if marks else ()), "on_delay", "off_delay", band, f"{band}_sigmas"]
+        keys = [*(thresholds_of(alarm) if marks else ()), "on_delay", "off_delay", band_key(condition)]
         return Search(rule=alarm, condition=condition, evidence=evidence, keys=keys)
 
     def _whole(self, rule: str, marks: Sequence[FiringMark]) -> list[FiringMark]:
