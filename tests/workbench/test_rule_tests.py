@@ -20,7 +20,6 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.similar_triangles import expect
-from stadimeter.workbench.rule_settings import settings_of, with_settings
 from stadimeter.workbench.rule_tests import (
     Failure,
     RuleTestResult,
@@ -30,6 +29,7 @@ from stadimeter.workbench.rule_tests import (
     run_rule_test,
     sensor_models,
 )
+from stadimeter.workbench.tune import settings_of, with_settings
 from support import two_cameras
 from support.recordings import records_of
 from support.simulated_run import SIMULATED_BALL

@@ -12,12 +12,11 @@ import pytest
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.rule_test_tables import SpanTable
 from stadimeter.errors import ChangedMeanwhileError, ConfigError
-from stadimeter.workbench.rule_settings import alarm_named, with_settings
 from stadimeter.workbench.rule_tests import run_rule_test
 from stadimeter.workbench.saving import versions
 from stadimeter.workbench.server.operations import Desk, find_operation
 from stadimeter.workbench.server.tuning import tuning_of
-from stadimeter.workbench.tune import signal_of
+from stadimeter.workbench.tune import alarm_named, signal_of, with_settings
 from support.false_alarm import BY_S, CONFIGURATION, FRAME_S, STAYED_S, record
 
 BEGAN_S = 1_700_000_000.0

@@ -18,10 +18,9 @@ from stadimeter.config.files import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.words import figure_in_words
 from stadimeter.errors import ChangedMeanwhileError
-from stadimeter.workbench.rule_settings import RuleSetting, settings_of
 from stadimeter.workbench.saving import save_files
 from stadimeter.workbench.server.tuning import answer_fields
-from stadimeter.workbench.tune import FiringMark, Proposal, Tuning, in_words, parse_mark
+from stadimeter.workbench.tune import FiringMark, Proposal, RuleSetting, Tuning, in_words, parse_mark, settings_of
 
 DEFAULT = Path("stadimeter.toml")
 

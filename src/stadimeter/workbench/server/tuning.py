@@ -10,13 +10,12 @@ from typing import Any
 from stadimeter.app.control.recording import LAST
 from stadimeter.app.recordings.journal import ENDING
 from stadimeter.config.loader import load_configuration
-from stadimeter.workbench.rule_settings import settings_of, with_settings
 from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.operations import Desk, operation
 from stadimeter.workbench.server.recordings import about, began_unix_s
 from stadimeter.workbench.server.run_of_desk import folder_of
 from stadimeter.workbench.trial import KeptRecording
-from stadimeter.workbench.tune import MOMENT_S, Proposal, Tuning, in_words, parse_mark
+from stadimeter.workbench.tune import MOMENT_S, Proposal, Tuning, in_words, parse_mark, settings_of, with_settings
 
 # Unless it is said otherwise, an answer comes at the latest after this time, with what is read by then.
 FOR_S = 20.0
