@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from msgspec.structs import replace
 
-from stadimeter.app.control.recording import CLIPS
+from stadimeter.app.control.recording import CLIPS, LAST
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.history import Seen
 from stadimeter.app.live.pictures import Pictures
@@ -38,14 +38,22 @@ LISTED_MAX = 500
 def recordings(desk: Desk) -> dict[str, Any]:
     """Answer the recordings and clips that there are, newest first."""
     folder = folder_of(desk)
-    paths = (path for each in (folder, folder / CLIPS) for path in each.glob(f"*{ENDING}"))
-    found = {path: about_file for path in paths if (about_file := _file(path))}
-    newest = sorted(found, key=lambda path: found[path].st_mtime, reverse=True)
+    newest = [path for path in recordings_of(desk).values() if path.parent in {folder, folder / CLIPS}]
     listed = []
     for path in newest[:LISTED_MAX]:
         with suppress(FileNotFoundError):  # deleted since, or removed by a run that recorded nothing
             listed.append(about(desk, path))
     return {"folder": str(folder), "recordings": listed, "left_out": max(0, len(newest) - LISTED_MAX)}
+
+
+def recordings_of(desk: Desk) -> dict[str, Path]:
+    """Return every recording of the run by its name below the folder, newest first: its own, clips, the last hour."""
+    folder = folder_of(desk)
+    inside = (folder, folder / CLIPS, folder / LAST / desk.configuration.stem)
+    paths = (path for each in inside for path in each.glob(f"*{ENDING}"))
+    ended_s = {path: about_file.st_mtime for path in paths if (about_file := _file(path))}
+    newest = sorted(ended_s, key=ended_s.__getitem__, reverse=True)
+    return {path.relative_to(folder).as_posix(): path for path in newest}
 
 
 @operation

@@ -49,17 +49,12 @@ def _find_comparison(desk: Desk, path: Path, wanted: str, files: Mapping[str, st
     kept: dict[Any, tuple[SideBySide, int]] = desk.kept.setdefault("replay-diff", {})
     found = kept.pop(asked, None)
     if found is None or (found[0].is_done and found[1] != size):
-        found = _begin(desk, path, wanted, files), size
+        after = ReplayRun(recording := read_recording(path), load_text(desk, wanted, dict(files)))
+        found = SideBySide(replay_run(recording, None), after), size
     kept[asked] = found
     while len(kept) > KEPT_MAX:
         del kept[next(iter(kept))]
     return found[0]
-
-
-def _begin(desk: Desk, path: Path, wanted: str, files: Mapping[str, str]) -> SideBySide:
-    after = load_text(desk, wanted, dict(files))
-    recording = read_recording(path)
-    return SideBySide(replay_run(recording, None), ReplayRun(recording, after))
 
 
 def _comparison_fields(found: SideBySide, recording: Mapping[str, Any]) -> dict[str, Any]:

@@ -37,7 +37,7 @@ from stadimeter.core.rules.explaining import explain
 from stadimeter.errors import ConfigError, ControlError, StadimeterError
 from stadimeter.workbench.replay import RecordingIndex, decisions, read_index, read_recording, replay_run
 from stadimeter.workbench.server.operations import Desk, operation
-from stadimeter.workbench.server.recordings import began_unix_s, recordings
+from stadimeter.workbench.server.recordings import began_unix_s, recordings, recordings_of
 from stadimeter.workbench.server.run_of_desk import folder_of, run_socket
 
 # A step of the answer is one of these, in seconds: each is whole steps of a level of the store.
@@ -218,27 +218,19 @@ def _by_run(desk: Desk, at_s: float) -> dict[str, Any] | None:
 
 def _by_recording(desk: Desk, at_s: float) -> dict[str, Any] | None:
     """Explain by a recording that holds the moment, decided again up to it; None where there is none."""
-    folder = folder_of(desk)
-    last = folder / LAST / desk.configuration.stem
-    paths = [*folder.glob("*.mcap"), *folder.glob("clips/*.mcap"), *last.glob("*.mcap")]
     run_s = run_time_s(desk, at_s)
-    for path in (each for each in sorted(paths, key=_ended_s) if _ended_s(each) >= at_s - 1):
+    for name, path in reversed(recordings_of(desk).items()):
         with suppress(StadimeterError, OSError):  # damaged, only just begun, or gone
+            if path.stat().st_mtime < at_s - 1:
+                continue
             since_s, index = at_s - began_unix_s(read_recording(path).header, at_s + 1), read_index(path)
             if since_s >= 0 and run_s is not None:
                 since_s = run_s - index.moment(0.0).cycle.record().observation.now_s
             if 0 <= since_s <= index.seconds:
-                held = {"recording": path.name if path.parent != last else None, "since_s": since_s}
-                held_by = path.relative_to(folder).as_posix()
-                return {"by": "recording", **held, "held_by": held_by, "rules": _decided(index, since_s)}
+                shown = None if name.startswith(f"{LAST}/") else path.name
+                held = {"recording": shown, "since_s": since_s, "held_by": name}
+                return {"by": "recording", **held, "rules": _decided(index, since_s)}
     return None
-
-
-def _ended_s(path: Path) -> float:
-    try:
-        return path.stat().st_mtime
-    except OSError:
-        return 0.0
 
 
 def _decided(index: RecordingIndex, since_s: float) -> list[dict[str, str]]:

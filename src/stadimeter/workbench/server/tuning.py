@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from stadimeter.app.control.recording import LAST
-from stadimeter.app.recordings.journal import ENDING
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.operations import Desk, operation
-from stadimeter.workbench.server.recordings import about, began_unix_s
-from stadimeter.workbench.server.run_of_desk import folder_of
+from stadimeter.workbench.server.recordings import about, began_unix_s, recordings_of
 from stadimeter.workbench.trial import KeptRecording
 from stadimeter.workbench.tune import MOMENT_S, Proposal, Tuning, in_words, parse_mark, settings_of, with_settings
 
@@ -116,14 +112,6 @@ def _is_within(told: dict[str, Any], other: dict[str, Any]) -> bool:
 def _holds(kept: KeptRecording, at_s: float) -> bool:
     since_s = at_s - began_unix_s(kept.recording.header, math.inf)
     return kept.from_s <= since_s and (not kept.is_done or since_s <= kept.seconds)
-
-
-def recordings_of(desk: Desk) -> dict[str, Path]:
-    """Return every recording of the run by its name below the folder: its own, clips, and the last hour."""
-    folder = folder_of(desk)
-    inside = (folder, folder / "clips", folder / LAST / desk.configuration.stem)
-    paths = (path for each in inside for path in each.glob(f"*{ENDING}") if path.is_file())
-    return {path.relative_to(folder).as_posix(): path for path in paths}
 
 
 def answer_fields(tuning: Tuning, rule: str, proposal: Proposal) -> dict[str, Any]:
