@@ -20,8 +20,8 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ChangedMeanwhileError, ConfigError, DriverError, StadimeterError
 from stadimeter.web.routes import PAGE_OPERATIONS
 from stadimeter.workbench import saving
-from stadimeter.workbench.colour_aids import with_range
 from stadimeter.workbench.saving import versions
+from stadimeter.workbench.server.colours import with_range
 from stadimeter.workbench.server.editing import saved_text, version_of
 from stadimeter.workbench.server.operations import Desk, DeskReply, find_operation
 from stadimeter.workbench.server.process import serve
@@ -306,7 +306,7 @@ def test_only_the_range_changes_however_it_is_written(tmp_path: Path, table: str
         table.format(GREEN) + '[camera]\ndriver = "simulated"\n[world]\npath = [{ at = "0 s", x = "2 m", y = "0 m" }]\n'
     )
     path.write_text(text)
-    changed = with_range(text, load_configuration(path).spans, "ball", RED)
+    changed = with_range(text, "ball", RED)
     assert changed.replace(RED, GREEN).replace('"', "'") == text.replace('"', "'")
     path.write_text(changed)
     assert str(load_configuration(path).targets[0].options.hsv) == RED  # type: ignore[attr-defined]

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +11,6 @@ import cv2
 import numpy as np
 
 from stadimeter.config.plugins import DriverChoice
-from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.protocol import ColourSample, ColourView, ProposesColour
@@ -54,9 +51,6 @@ def colour_notes(result: PictureResult, choices: Sequence[DriverChoice], noted: 
 # An outline of fewer points encloses nothing.
 MIN_OUTLINE = 3
 
-# A range at the end of `hsv = "…"`, in either kind of quotes.
-_RANGE = re.compile(r"""("[^"]*"|'[^']*')$""")
-
 # Brightness of what has another colour, beside how it was.
 BEHIND = 0.35
 
@@ -95,19 +89,6 @@ def range_figures(view: ColourView) -> dict[str, Any]:
         # The size alone: what the lens and the ball's own size add is the same for every range.
         "sigma_share": ball.size_sigma_px / ball.width_px if is_found and ball.width_px else None,
     }
-
-
-def with_range(text: str, spans: Mapping[KeyPath, SourceSpan], target: str, colour: str) -> str:
-    """Return the text of a configuration in which a target has another range of colours; all else stays as it is."""
-    span = spans.get(("targets", target, "hsv"))
-    lines = text.split("\n")
-    line = lines[span.line - 1] if span else ""
-    before, value = (line[: span.column], line[span.column : span.end_column]) if span else ("", "")
-    changed, count = _RANGE.subn(lambda _: json.dumps(colour), value)
-    if span is None or count != 1:
-        raise ConfigError(f"no range of colours stands at [targets.{target}]; write hsv = there, under Edit")
-    lines[span.line - 1] = before + changed + line[span.end_column :]
-    return "\n".join(lines)
 
 
 Place = tuple[float, float]

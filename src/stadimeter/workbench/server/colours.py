@@ -8,12 +8,14 @@ from msgspec.structs import replace
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.loader import Configuration
+from stadimeter.config.toml_lines import set_value
+from stadimeter.config.toml_source import as_toml
 from stadimeter.core.detection import Detection
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
 from stadimeter.detectors.protocol import ProposesColour
 from stadimeter.errors import ConfigError
-from stadimeter.workbench.colour_aids import colour_picture, range_figures, with_range
+from stadimeter.workbench.colour_aids import colour_picture, range_figures
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S, RunCamera
 from stadimeter.workbench.measuring import Measuring
 from stadimeter.workbench.server.editing import load_text, save, saved_text, version_of
@@ -49,19 +51,20 @@ def picture(desk: Desk, target: str, range_: str = "", width_px: int = 0) -> Des
 def keep(desk: Desk, target: str, range_: str, base_version: str = "") -> dict[str, Any]:
     """Save a range into the configuration; what was there is kept as a version."""
     text = saved_text(desk) or ""
-    changed = with_range(text, load_text(desk, text).spans, target, range_)
-    reply: dict[str, Any] = save(desk, changed, base_version=base_version)
+    reply: dict[str, Any] = save(desk, with_range(text, target, range_), base_version=base_version)
     return reply
+
+
+def with_range(text: str, target: str, colour: str) -> str:
+    """Return the text of a configuration in which a target has another range of colours; all else stays as it is."""
+    return set_value(text, ("targets", target, "hsv"), as_toml(colour))
 
 
 def _load_tried(desk: Desk, text: str, target: str, colour: str) -> Configuration:
     """Return the configuration with the range that is tried, or the saved one; loaded anew where it has changed."""
     wanted = (text, target, colour)
     if desk.kept.get("colours", ((), None))[0] != wanted:
-        tried = load_text(desk, text)
-        if colour:
-            tried = load_text(desk, with_range(text, tried.spans, target, colour))
-        desk.kept["colours"] = wanted, tried
+        desk.kept["colours"] = wanted, load_text(desk, with_range(text, target, colour) if colour else text)
     found: Configuration = desk.kept["colours"][1]
     return found
 
