@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 from typing import Annotated, Any
@@ -13,13 +12,13 @@ import typer
 from msgspec import Struct, field
 
 from stadimeter.app.exact_json import plain
-from stadimeter.app.recordings.journal import JournalWriter, RecordedCycle
+from stadimeter.app.recordings.journal import RecordedCycle
 from stadimeter.cli.exits import NOT_FOUND, plain_errors, working
 from stadimeter.config.files import sha256_of
 from stadimeter.core.decision import Decision, Event
 from stadimeter.core.observation import Observation
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay import AnyRecording, Replayed, ReplayRun, journal_record, read_recording, replay_run
+from stadimeter.workbench.replay import AnyRecording, ReplayRun, read_recording, replay_run
 from stadimeter.workbench.trial import Trial, TrialDiff, compare
 
 
@@ -37,9 +36,6 @@ def replay(
     from_images: Annotated[
         bool, typer.Option("--from-images", help="Measure again in the recorded pictures, as CONFIG says.")
     ] = False,
-    journal: Annotated[
-        Path | None, typer.Option("--journal", metavar="FILE", help="Write what is decided now to a journal.")
-    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with 1 if any decision is not the recorded one.")
@@ -67,7 +63,7 @@ def replay(
         new = replay_run(source, config, from_images=from_images)
         old = replay_run(source, diff, from_images=from_images) if diff is not None else None
         with working("replaying"):
-            found = replay_beside(new, old, journal)
+            found = replay_beside(new, old)
         if not found.trial.cycles:
             raise JournalError(f"{recording} holds no whole cycle, so there is nothing to replay")
     for warning in _warnings(source, new, found):
@@ -133,45 +129,19 @@ class Replay(Struct, kw_only=True):
         return found
 
 
-def replay_beside(new: ReplayRun, old: ReplayRun | None = None, journal: Path | None = None) -> Replay:
-    """Replay a recording; with other rules, compare the two; write what is decided to a journal, if there is one."""
+def replay_beside(new: ReplayRun, old: ReplayRun | None = None) -> Replay:
+    """Replay a recording; with other rules, compare the two."""
     found = Replay(trial=Trial(plan=new.configuration.plan))
-    with _open_journal(new, journal) as write:
-        for replayed in new:
-            cycle, observation, decision = replayed
-            write(replayed)
-            found.add(cycle, observation, decision)
-            if new.from_images:
-                found.add_again(cycle.observation(), observation)
+    for cycle, observation, decision in new:
+        found.add(cycle, observation, decision)
+        if new.from_images:
+            found.add_again(cycle.observation(), observation)
     if old is not None:
         before = Trial(plan=old.configuration.plan)
         for _, observation, decision in old:
             before.add(observation, decision)
         found.diff = compare(before, found.trial)
     return found
-
-
-@contextmanager
-def _open_journal(run: ReplayRun, journal: Path | None) -> Iterator[Callable[[Replayed], None]]:
-    """Yield what writes a cycle to the journal, if there is to be one."""
-    if journal is None:
-        yield lambda _replayed: None
-        return
-    source = run.recording
-    if journal.exists() and journal.samefile(source.path):
-        raise JournalError(f"{journal} is the recording that is replayed; choose another file")
-
-    def write(replayed: Replayed) -> None:
-        cycle, observation, _ = replayed
-        if run.is_recorded and cycle.reloaded is not None:
-            writer.note_reload(observation.now_s, cycle.reloaded)
-        writer.write(journal_record(replayed))
-
-    with closing(JournalWriter(journal, run.to_be_recorded, source.header.began_at)) as writer:
-        writer.note_resumption(source.header.resumed)
-        yield write
-        if writer.older_file():
-            typer.echo(writer.older_file(), err=True)
 
 
 def _warnings(source: AnyRecording, run: ReplayRun, found: Replay) -> Iterator[str]:

@@ -21,7 +21,6 @@ from typing import Any, BinaryIO
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.app.persistence.resumption import read_state
 from stadimeter.app.recordings.journal import (
@@ -37,7 +36,6 @@ from stadimeter.app.recordings.journal import (
     read_journal,
     readable,
     reload_of,
-    to_be_recorded,
     writer_of,
 )
 from stadimeter.app.recordings.recording import (
@@ -536,12 +534,6 @@ def _decide(
         yield cycle, observation, decision
 
 
-def journal_record(cycle: Replayed) -> CycleRecord:
-    """Return a cycle of a replay for a journal: nothing was applied, and nothing is timed, so it is always the same."""
-    _, observation, decision = cycle
-    return CycleRecord(observation=observation, decision=decision, applied=(), timings_s={})
-
-
 class ReplayRun(Struct, frozen=True):
     """Decides over a recording by one configuration. It may be gone through any number of times, always the same.
 
@@ -553,13 +545,6 @@ class ReplayRun(Struct, frozen=True):
     configuration: Configuration
     is_recorded: bool = False
     from_images: bool = False
-
-    @property
-    def to_be_recorded(self) -> RecordedConfiguration:
-        """The configuration as a journal of this replay holds it."""
-        if self.is_recorded:
-            return self.recording.header.recorded_configuration
-        return to_be_recorded(self.configuration)
 
     def __iter__(self) -> Iterator[Replayed]:
         """Return each cycle, what is observed in it, and what is decided now.
