@@ -20,6 +20,7 @@ from stadimeter.config.describe import describe
 from stadimeter.config.files import CONFIGURATION_MAX_BYTES, is_file, read_untrusted_text
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.schema import configuration_schema
+from stadimeter.core.words import counted
 from stadimeter.errors import ConfigError, Problem, UnreadableError
 
 Kind = Literal["error", "warning"]
@@ -93,7 +94,7 @@ def _report_errors(config: Path, error: ConfigError, *, as_json: bool) -> None:
         return
     console = prose_console(stderr=True)
     print_problems(console, error.problems, "error")
-    console.print(Text(f"{_count_of(len(error.problems), 'error')}: {config} cannot be used", "bold red"))
+    console.print(Text(f"{counted(len(error.problems), 'error')}: {config} cannot be used", "bold red"))
 
 
 def _report_success(
@@ -109,7 +110,7 @@ def _report_success(
         text = Text(sentence)
         text.highlight_regex("`[^`]+`", "cyan")
         console.print(text)
-    count = f", with {_count_of(len(warnings), 'warning')}" if warnings else ""
+    count = f", with {counted(len(warnings), 'warning')}" if warnings else ""
     here = ", but not on this computer, which lacks what is named above" if is_lacking else ""
     words = f"{configuration.path} can be used{count}{here}"
     console.print(Text(words, "bold yellow" if is_lacking else "bold green"))
@@ -125,10 +126,6 @@ def _set_thresholds(configuration: Configuration) -> tuple[str, ...]:
     from stadimeter.app.persistence.alarm_store import describe_kept  # noqa: PLC0415 - it needs SQLite
 
     return tuple(describe_kept(file, configuration.plan.rules))
-
-
-def _count_of(count: int, word: str) -> str:
-    return f"{count} {word}{'' if count == 1 else 's'}"
 
 
 def _print_json(problems: tuple[Problem, ...], warnings: tuple[Problem, ...], describes: tuple[str, ...]) -> None:

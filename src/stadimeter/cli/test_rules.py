@@ -16,6 +16,7 @@ from stadimeter.cli.check import prose_console
 from stadimeter.cli.exits import NOT_FOUND, WRONG, ConfigArgument, configuration_path, plain_errors, working
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.rule_test_tables import RuleTest
+from stadimeter.core.words import counted
 from stadimeter.workbench.rule_tests import Failure, RuleTestResult, run_rule_test
 
 _EXAMPLE = """\
@@ -107,8 +108,9 @@ def _sum_up(console: Console, configuration: Configuration, results: Sequence[Ru
         console.print(f"{configuration.path} has no tests. One looks like this:\n\n{_EXAMPLE}", markup=False)
         return
     failed = sum(not result.passed for result in results)
-    count = f"{len(results)} test{'s' if len(results) > 1 else ''}"
-    words = f"{count}: {len(results) - failed} passed" + (f", {failed} failed" if failed else "")
+    words = f"{counted(len(results), 'test')}: {len(results) - failed} passed" + (
+        f", {failed} failed" if failed else ""
+    )
     console.print(Text(words, "bold red" if failed else "bold green"))
 
 

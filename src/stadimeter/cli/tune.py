@@ -16,7 +16,7 @@ from stadimeter.cli.completion import complete_rule
 from stadimeter.cli.exits import NOT_FOUND, plain_errors, working
 from stadimeter.config.files import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.words import figure_in_words
+from stadimeter.core.words import counted, figure_in_words
 from stadimeter.errors import ChangedMeanwhileError
 from stadimeter.workbench.saving import save_files
 from stadimeter.workbench.server.tuning import answer_fields
@@ -148,7 +148,7 @@ def _save(tuning: Tuning, rule: str, proposal: Proposal, marks: Sequence[FiringM
     place = tuning.configuration.path
     files, tests = tuning.write(rule, proposal.values, marks)
     _, kept = save_files(place.parent, files, lambda: _refuse_if_changed(tuning))
-    typer.echo(f"Saved {place}, with {len(tests)} test{'' if len(tests) == 1 else 's'}; what was there is in {kept}.")
+    typer.echo(f"Saved {place}, with {counted(len(tests), 'test')}; what was there is in {kept}.")
 
 
 def _refuse_if_changed(tuning: Tuning) -> None:

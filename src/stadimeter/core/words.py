@@ -115,6 +115,11 @@ def day(weekday: int) -> str:
     return _DAYS[weekday]
 
 
+def counted(number: int, noun: str) -> str:
+    """Return a number of things, such as ``1 test`` or ``2 tests``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def one_line(text: str) -> str:
     """Return a text as a screen can show it: one line, no control characters."""
     if text.isprintable():

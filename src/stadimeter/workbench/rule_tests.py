@@ -49,6 +49,7 @@ from stadimeter.core.outputs import safe_command
 from stadimeter.core.plan import Output
 from stadimeter.core.rules.explaining import explain
 from stadimeter.core.stereo_rig import StereoRig
+from stadimeter.core.words import counted
 from stadimeter.errors import ConfigError, JournalError, Problem, StadimeterError
 from stadimeter.operator_actions import OperatorAction, OperatorCommand
 from stadimeter.ranging.similar_triangles import Expectation, expect
@@ -219,13 +220,13 @@ class _RuleOfTrial(_PartOfTrial, frozen=True):
         return [event for event in self.trial.events if event.source == self.name and event.kind in kinds]
 
     def _counts(self) -> Iterator[Failure]:
-        counted = (
+        events_of = (
             ("raised", self._events(EventKind.RAISED), "raise"),
             ("cleared", self._events(EventKind.CLEARED), "clearing"),
             ("sent", [each for each in self.trial.sent if each.source == self.name], "message"),
             ("transitions_max", self._events(EventKind.RAISED, EventKind.CLEARED), "transition"),
         )
-        for key, events, noun in counted:
+        for key, events, noun in events_of:
             most: int | None = getattr(self.expected, key)
             is_limit = key == "transitions_max"
             if most is None or len(events) == most or (is_limit and len(events) <= most):
@@ -233,8 +234,8 @@ class _RuleOfTrial(_PartOfTrial, frozen=True):
             times_s = [event.at_s - self.trial.began_s for event in events]
             shown = ", ".join(f"{at_s:.2f} s" for at_s in times_s[:SHOWN_EVENTS])
             more = ", …" if len(events) > SHOWN_EVENTS else ""
-            hoped = _counted(most, noun) + (" at most" if is_limit else "")
-            got = _counted(len(events), noun) + (f" (at {shown}{more})" if events else "")
+            hoped = counted(most, noun) + (" at most" if is_limit else "")
+            got = counted(len(events), noun) + (f" (at {shown}{more})" if events else "")
             if len(events) > most:
                 first = events[most]
                 yield self.failure(key, hoped, got, times_s[most], f"{first.kind.value}: {first.reason}")
@@ -252,10 +253,6 @@ class _RuleOfTrial(_PartOfTrial, frozen=True):
             yield self.failure(f"{verb}_by", f"{verb} by {by_s:.2f} s", got + late, min(by_s, end_s))
         if after_s is not None and (not events or at_s < after_s - _ROUNDING_S):
             yield self.failure(f"{verb}_after", f"{verb} not before {after_s:.2f} s", got, min(at_s, end_s))
-
-
-def _counted(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 class _OutputOfTrial(_PartOfTrial, frozen=True):

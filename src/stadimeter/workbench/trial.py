@@ -128,17 +128,21 @@ class Trial(Struct, kw_only=True):
         return tuple(self._figures(rule) for rule in self.plan.rules if isinstance(rule, AlarmRule))
 
     def _figures(self, rule: AlarmRule) -> RuleFigures:
-        raised_s, cleared_s = (
-            [event.at_s for event in self.events if event.source == rule.name and event.kind is kind]
-            for kind in (EventKind.RAISED, EventKind.CLEARED)
-        )
+        raised_s = [each.at_s for each in self.events if each.source == rule.name and each.kind is EventKind.RAISED]
         condition = rule.condition
         late_s: list[float] = []
         missed = unfounded = None
         if isinstance(condition, DistanceCondition) and condition.target in self.measured:
             at_s, distances_m, depths_m = self.measured[condition.target]
             true = stays(at_s, depths_m if condition.quantity == "depth" else distances_m, condition.limits)
-            late_s, missed = _lateness(true, raised_s, cleared_s)
+            missed, stood = 0, [(self.began_s + from_s, self.began_s + to_s) for from_s, to_s in self.spans(rule.name)]
+            for stay in true:
+                begin_s = stay.from_s - EARLY_S
+                raised = next((each for each in raised_s if begin_s <= each <= stay.to_s), None)
+                if raised is None:  # an alarm that stood before counts for neither
+                    missed += not any(from_s < begin_s <= to_s for from_s, to_s in stood)
+                elif stay.is_entered:
+                    late_s.append(raised - stay.from_s)
             unfounded = sum(not any(each.from_s - EARLY_S <= at <= each.to_s for each in true) for at in raised_s)
         return RuleFigures(
             rule=rule.name,
@@ -272,23 +276,6 @@ def _merge(found: Sequence[Stay]) -> list[Stay]:
         else:
             joined.append(stay)
     return joined
-
-
-def _lateness(true: Sequence[Stay], raised_s: Sequence[float], cleared_s: Sequence[float]) -> tuple[list[float], int]:
-    """Return the delays with which crossings were noticed, and how many were not. Alarms that stood do not count."""
-    late_s, missed = [], 0
-    for stay in true:
-        begin_s = stay.from_s - EARLY_S
-        raised = next((time_s for time_s in raised_s if begin_s <= time_s <= stay.to_s), None)
-        last_raised_s, last_cleared_s = (
-            max((time_s for time_s in times_s if time_s < begin_s), default=-math.inf)
-            for times_s in (raised_s, cleared_s)
-        )
-        if raised is not None:
-            late_s += [raised - stay.from_s] if stay.is_entered else []
-        elif last_raised_s <= last_cleared_s:
-            missed += 1
-    return late_s, missed
 
 
 # Two trials of one recording, compared --------------------------------------------------------------------------------

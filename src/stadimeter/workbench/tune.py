@@ -45,7 +45,7 @@ from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.decision import EventKind
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, DelayTolerance, OnDelay
-from stadimeter.core.words import figure_in_words
+from stadimeter.core.words import counted, figure_in_words
 from stadimeter.errors import ConfigError, NotThereError, Problem
 from stadimeter.workbench.replay import read_recording
 from stadimeter.workbench.rule_tests import run_rule_test
@@ -822,11 +822,8 @@ def in_words(rule: str, answers: Sequence[Answer]) -> str:
     raised = sum(len(each.spans) for each in answers)
     new, gone = (sum(each.count(change) for each in answers) for change in ("added", "lost"))
     minutes = round(sum(each.difference.minutes for each in answers))
-    times, ends, recordings = ("" if number == 1 else "s" for number in (raised, minutes, len(answers)))
-    return (
-        f"{rule} would have fired {raised} time{times} in {minutes} minute{ends} of {len(answers)} "
-        f"recording{recordings}: {new} of them new, {gone} of yours gone."
-    )
+    times, of = counted(raised, "time"), f"{counted(minutes, 'minute')} of {counted(len(answers), 'recording')}"
+    return f"{rule} would have fired {times} in {of}: {new} of them new, {gone} of yours gone."
 
 
 def _changes_as_marks(answer: Answer) -> Iterator[FiringMark]:
