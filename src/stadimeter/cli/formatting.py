@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Sequence
@@ -11,7 +10,6 @@ from msgspec import Struct
 
 from stadimeter.config.units import FOOT_M, INCH_M
 from stadimeter.core.detection import RejectedCandidate
-from stadimeter.errors import ConfigError
 
 # Stands where there is no figure.
 UNKNOWN = "—"
@@ -34,15 +32,6 @@ FOOT = LengthUnit(symbol="ft", size_m=FOOT_M, decimals_max=2)
 INCH = LengthUnit(symbol="in", size_m=INCH_M, decimals_max=1)
 
 LENGTH_UNITS = {unit.symbol: unit for unit in (METRE, CENTIMETRE, FOOT, INCH)}
-
-
-def length_unit(symbol: str) -> LengthUnit:
-    """Return the unit with a symbol; `ConfigError` if distances are not shown in that unit."""
-    if symbol in LENGTH_UNITS:
-        return LENGTH_UNITS[symbol]
-    close = difflib.get_close_matches(symbol, LENGTH_UNITS, n=1)
-    guess = f"; did you mean {close[0]!r}?" if close else ""
-    raise ConfigError(f"distances are shown in {', '.join(LENGTH_UNITS)}, not in {symbol!r}{guess}")
 
 
 def format_distance(distance_m: float | None, sigma_m: float | None = None, unit: LengthUnit = METRE) -> str:

@@ -26,6 +26,7 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.history import DistanceSample
 from stadimeter.app.live.snapshot import LiveFeed, RunSnapshot, why
 from stadimeter.cli.formatting import (
+    LENGTH_UNITS,
     METRE,
     LengthUnit,
     format_age,
@@ -39,7 +40,6 @@ from stadimeter.cli.formatting import (
     format_time,
     format_turn,
     in_unit,
-    length_unit,
 )
 from stadimeter.cli.keyboard import RunKeys
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
@@ -113,9 +113,6 @@ class LiveView:
         unit: That of distances.
         keys: What keys do; they are attended to after each cycle.
         real_time_s: A monotonic clock of real time, in seconds. Simulated time would draw too often, or too seldom.
-
-    Raises:
-        ConfigError: Distances are not shown in that unit.
     """
 
     def __init__(
@@ -129,7 +126,7 @@ class LiveView:
         real_time_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._title = title
-        self._unit = length_unit(unit)
+        self._unit = LENGTH_UNITS[unit]
         self._feed = feed
         self._snapshot = RunSnapshot()
         self._keys = keys

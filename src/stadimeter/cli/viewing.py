@@ -19,6 +19,7 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.snapshot import looked_at
 from stadimeter.app.loop import Loop
 from stadimeter.cli.formatting import (
+    LENGTH_UNITS,
     format_best,
     format_distance,
     format_level,
@@ -26,7 +27,6 @@ from stadimeter.cli.formatting import (
     format_time,
     format_turn,
     in_unit,
-    length_unit,
 )
 from stadimeter.cli.keyboard import RunKeys
 from stadimeter.core.command import Command, LevelCommand
@@ -46,9 +46,6 @@ class PlainView:
         write: Takes one line without its line break, such as `print`.
         trouble: Says what is wrong outside the loop; said again only when it changes.
         narration: Says what happens in a simulated world; likewise.
-
-    Raises:
-        ConfigError: Distances are not shown in that unit.
     """
 
     def __init__(
@@ -62,7 +59,7 @@ class PlainView:
     ) -> None:
         self._write = write
         self._every_s = every_s
-        self._unit = length_unit(unit)
+        self._unit = LENGTH_UNITS[unit]
         self._trouble = trouble
         self._started_s: float | None = None
         self._due_s = 0.0
