@@ -29,7 +29,7 @@ def test_keys_pause_and_explain_the_demonstration_make_things_go_wrong_and_end_i
         it.press(" ")
         it.wait_for(" PAUSED ")
         it.press("?")
-        it.wait_for("what was sent to other")
+        it.wait_for("what changed, the newest first")
         it.press("p")
         it.wait_for(" ACTIVE ")
         it.press("q")

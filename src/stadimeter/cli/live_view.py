@@ -6,7 +6,6 @@ bottom, and counted there.
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -60,8 +59,8 @@ WINDOW_S = 30.0
 # Longer lines are hard to follow with the eye.
 WIDTH_MAX = 120
 
-# The newest events and messages that are shown.
-EVENTS_SHOWN, MESSAGES_SHOWN = 6, 3
+# The newest events that are shown.
+EVENTS_SHOWN = 6
 
 STATUS_STYLES = {TrackStatus.TRACKING: "green", TrackStatus.LOST: "red"}
 
@@ -93,13 +92,10 @@ SCREEN = (
     ("chart", "distances of the last half minute, and as dashes the distances at which rules begin"),
     ("outputs", "what each really does, and the rule that commands it"),
     ("rules", "the state of each, its output, and the reason"),
-    ("events", "what changed, the newest first; below it what was sent to other programs"),
+    ("events", "what changed, the newest first"),
     ("health", "frames, cycle time, board and broker"),
     ("states", "  ".join(f"{mark} {status.value}" for status, (mark, _) in RULE_STYLES.items())),
 )
-
-# Keys of a message that a person does not look at.
-PROGRAMS_ONLY = frozenset({"v", "ts", "seq", "id", "since"})
 
 
 class LiveView:
@@ -196,7 +192,6 @@ class LiveView:
             "outputs": self._outputs(record),
             "rules": (self._rule(trace, record.decision) for trace in record.decision.rules),
             "events": self._events(),
-            "messages": self._messages(),
             "health": self._health(),
         }
         for name, rows in sections.items():
@@ -309,12 +304,6 @@ class LiveView:
             words.stylize(SEVERITY_STYLES[event.severity])
             yield self._time(event.at_s), words.append(self._words(f": {event.reason}") if event.reason else "")
 
-    def _messages(self) -> Iterator[tuple[Text, ...]]:
-        """Yield the newest messages: when, to which topic, and what."""
-        for at_s, message in self._snapshot.messages[:MESSAGES_SHOWN]:
-            words = Text(one_line(message.topic), "bright_cyan", no_wrap=True, overflow="ellipsis")
-            yield self._time(at_s), words.append(one_line(f"  {_essence(message.payload)}"), "dim")
-
     def _health(self) -> Iterator[tuple[Text, ...]]:
         for note in self._snapshot.health.notes:
             yield Text(note.what, "dim"), Text(one_line(note.words), "" if note.is_good else "yellow")
@@ -377,18 +366,6 @@ def _difference(asked: Command, applied: Command, unit: LengthUnit) -> str:
         away = max(abs(asked.linear_mps - applied.linear_mps), abs(asked.angular_radps - applied.angular_radps) / 4)
         return f"{format_speed(asked.linear_mps, None, unit)} {format_turn(asked.angular_radps)}" if away > 0.02 else ""
     return ""
-
-
-def _essence(payload: str) -> str:
-    """Return the content of a JSON object, without what is only of use to programs; other text as it is."""
-    try:
-        figures = json.loads(payload)
-    except ValueError:
-        return payload
-    if not isinstance(figures, dict):
-        return payload
-    shown = (f"{key} {value}" for key, value in figures.items() if key not in PROGRAMS_ONLY and value is not None)
-    return "  ".join(shown)
 
 
 # A strip chart in a terminal: distances over the last half minute as lines of dots, limits as dashes -----------------
