@@ -65,7 +65,7 @@ def test_a_newcomer_mends_a_rule_that_fired_wrongly(browser: Any, here: Served, 
         until(page, f"{CHART}.step === '1'")
         newcomer.click_moment(began_s + BY_S)
         newcomer.click("button", "Should not have fired")
-        shown(page, "1 of yours gone")
+        shown(page, "2 of yours gone")
         newcomer.click_moment(began_s + STAYED_S)
         newcomer.click("button", "Should have fired")
         newcomer.click("button", "Save with its test")
