@@ -556,15 +556,9 @@ def thin_points(points: list[Point]) -> list[Point]:
     if len(points) <= POINTS_MAX:
         return points
     size = math.ceil(len(points) / (POINTS_MAX // 3))
-    return [each for begin in range(0, len(points), size) for each in _extremes(points[begin : begin + size])]
-
-
-def _extremes(points: list[Point]) -> Iterable[Point]:
-    known = [each for each in points if each[1] is not None]
-    unknown = [each for each in points if each[1] is None][:1]
-    kept = [min(known, key=_height), max(known, key=_height)] if known else []
-    return sorted({*kept, *unknown})
-
-
-def _height(point: Point) -> float:
-    return point[1] if point[1] is not None else 0.0
+    found: list[Point] = []
+    for begin in range(0, len(points), size):
+        span = sorted(points[begin : begin + size], key=lambda point: math.inf if point[1] is None else point[1])
+        known = [each for each in span if each[1] is not None]
+        found += sorted({*known[:1], *known[-1:], *span[len(known) : len(known) + 1]})
+    return found
