@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import signal
 from pathlib import Path
 from typing import Any
@@ -161,11 +162,11 @@ def test_a_base_without_wheels_of_its_own_is_refused(tmp_path: Path, base: str, 
         base_with_wheels(configuration)
 
 
-def answered(folder: Path, *lines: str, monkeypatch: pytest.MonkeyPatch) -> Typed:
+def answered(folder: Path, *lines: str, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...] = ()) -> Typed:
     """Run the command with these answers, on a clock that goes on by itself."""
 
     monkeypatch.setattr("stadimeter.cli.drive.MonotonicClock", ManualClock)
-    return typed("drive", folder / "car.toml", answers="".join(f"{line}\n" for line in lines))
+    return typed("drive", folder / "car.toml", *options, answers="".join(f"{line}\n" for line in lines))
 
 
 def test_the_command_writes_what_the_answers_mean(tmp_path: Path, pins: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -179,6 +180,17 @@ def test_the_command_writes_what_the_answers_mean(tmp_path: Path, pins: Any, mon
     assert (options.minimum_duty, options.max_wheel_speed) == (0.15, 0.7)
     (kept,) = (tmp_path / "versions").rglob("car.toml")
     assert kept.read_text() == TEXT
+
+
+def test_json_prints_what_was_found_and_nothing_else(
+    tmp_path: Path, pins: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    configured(tmp_path)
+    answers = ("y", "", "rf", "", "lb", "n", "n", "y")
+    told = answered(tmp_path, *answers, monkeypatch=monkeypatch, options=("--json",))
+    wiring = {"swap_sides": True, "invert_left": True, "invert_right": False}
+    assert json.loads(told.stdout) == {"file": str(tmp_path / "car.toml"), "written": True, **wiring}
+    assert "Which wheel turned" in told.stderr
 
 
 @pytest.mark.parametrize(

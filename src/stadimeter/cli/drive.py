@@ -7,9 +7,10 @@ however it does.
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from stadimeter.app.ending import stopping_on_signals
 from stadimeter.app.guard import Guard, LeasedOutput, retire_all
 from stadimeter.app.service import held_lines
 from stadimeter.cli.exits import NOT_FOUND, WRONG, ConfigArgument, configuration_path, plain_errors
+from stadimeter.cli.operate import JsonOption
 from stadimeter.config.files import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.plugins import DriverChoice, DriverContext
@@ -229,7 +231,7 @@ _ANSWERS = {
 }
 
 
-def drive(config: ConfigArgument = None) -> None:
+def drive(config: ConfigArgument = None, *, as_json: JsonOption = False) -> None:
     """Turn each wheel of a robot a little, to learn which motor drives it, and which way.
 
     Put the robot on something first, so that its wheels turn freely. Then one motor turns for a second at a time,
@@ -238,7 +240,8 @@ def drive(config: ConfigArgument = None) -> None:
     `minimum_duty`, `max_wheel_speed`) is shown, and written into CONFIG if you say so. The file as it was is kept in
     the folder versions.
 
-    Ctrl-C stops the motors and leaves. Nothing is opened but the base of CONFIG, and no rule runs.
+    Ctrl-C stops the motors and leaves. Nothing is opened but the base of CONFIG, and no rule runs. With --json, what is
+    asked and said goes to standard error, and one object with file, written and the options that were found is printed.
 
     **Examples**
 
@@ -247,7 +250,7 @@ def drive(config: ConfigArgument = None) -> None:
     **Exit code**: 0 done; 1 you left, or no wheel turned; 2 the configuration has no such base, it cannot be opened, or
     a run drives it.
     """
-    with plain_errors(), _may_be_left():
+    with plain_errors(), redirect_stdout(sys.stderr if as_json else sys.stdout), _may_be_left():
         path = configuration_path(config)
         text = read_untrusted_text(path, CONFIGURATION_MAX_BYTES)
         configuration = load_configuration(path, with_tests=False)
@@ -258,7 +261,9 @@ def drive(config: ConfigArgument = None) -> None:
         if takes_duties(base_with_wheels(configuration)):
             sides = {key: bool(value) for key, value in found.items()}
             found |= _learn_least_duty(configuration, sides) | _learn_speed(configuration, sides)
-        _write(path, text, with_base_options(configuration, text, found))
+        is_written = _write(path, text, with_base_options(configuration, text, found))
+    if as_json:
+        typer.echo(json.dumps({"file": str(path), "written": is_written, **found}))
 
 
 @contextmanager
@@ -343,18 +348,20 @@ def _learn_speed(configuration: Configuration, sides: dict[str, bool]) -> dict[s
     return {"max_wheel_speed": round(speed_mps, 3)}
 
 
-def _write(path: Path, before: str, after: str) -> None:
+def _write(path: Path, before: str, after: str) -> bool:
+    """Write the configuration if it changes and the person says so; return whether it was written."""
     if after == before:
         typer.echo(f"{path} says so already: nothing is to be changed")
-        return
+        return False
     old = before.splitlines()
     typer.echo("\n".join(f"  {line}" for line in after.splitlines() if line not in old))
     if not _yes(f"Write this into {path}?"):
         typer.echo("nothing was written")
-        return
+        return False
     check_is_not_ours(path)
     save_files(path.parent, {path.name: after}, lambda: _check_same(path, before))
     typer.echo(f"wrote {path}; `stadimeter check {path}` says what it does")
+    return True
 
 
 def _check_same(path: Path, before: str) -> None:
