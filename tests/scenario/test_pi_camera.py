@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
+from msgspec.structs import replace
 from typer.testing import CliRunner
 
 from stadimeter.app.clock import MonotonicClock
@@ -15,7 +16,8 @@ from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
-from stadimeter.workbench.calibration.live_distance import LiveDistance
+from stadimeter.ranging.calibration import calibrate
+from stadimeter.workbench.calibration.live_distance import take_at
 from stadimeter.workbench.frame_source import open_camera
 from support.picamera2_double import Sensor, install
 from support.scenes.backdrop import PlainBackdrop
@@ -68,9 +70,9 @@ def configuration(sensor: Sensor, tmp_path: Path) -> Path:
     """Calibrate before the camera, and return a configuration with the camera file."""
     camera = open_camera(choice(CAMERAS, "picamera2", CAMERA))
     with camera as source:
-        session = LiveDistance(source, choice(DETECTORS, "ball", BALL), date="2026-01-01")
-        session.take(1.0, frames=3)
-        save_camera_model(tmp_path / "camera.toml", session.calibration().camera_model)
+        take = take_at(source, choice(DETECTORS, "ball", BALL), 1.0, frames=3)
+        made = calibrate([take.known], date="2026-01-01").camera_model
+        save_camera_model(tmp_path / "camera.toml", replace(made, optics=take.frame.optics))
     file = tmp_path / "ball.toml"
     file.write_text(CONFIGURATION)
     return file

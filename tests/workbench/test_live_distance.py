@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -15,8 +15,9 @@ from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, load_dri
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError
-from stadimeter.workbench.calibration.live_distance import LiveDistance
-from stadimeter.workbench.frame_source import open_camera
+from stadimeter.ranging.calibration import Calibration
+from stadimeter.workbench.calibration.live_distance import Take, fit_distances, take_at
+from stadimeter.workbench.frame_source import Source, open_camera
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.render import render
@@ -52,69 +53,57 @@ def device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> V4l2Double:
 
 
 @contextmanager
-def _session(device: V4l2Double, target: DriverChoice = BALL, **options: object) -> Iterator[LiveDistance]:
+def _camera(device: V4l2Double) -> Iterator[Source]:
     model = load_driver(CAMERAS, "opencv")
     table = {"device": str(device.node)}
-    camera = DriverChoice(name="camera", driver="opencv", options=model.model_validate(table))
-    with open_camera(camera) as source:
-        yield LiveDistance(source, target, date="2026-01-01", **options)
+    with open_camera(DriverChoice(name="camera", driver="opencv", options=model.model_validate(table))) as source:
+        yield source
+
+
+def _takes(device: V4l2Double, *shown: tuple[float, Image]) -> list[Take]:
+    """Take each picture as one at a distance."""
+    taken = []
+    with _camera(device) as source:
+        for distance_m, image in shown:
+            device.show(image)
+            taken.append(take_at(source, BALL, distance_m, FRAMES))
+    return taken
+
+
+def _fit(takes: Sequence[Take]) -> Calibration:
+    frames = {each.known.picture: each.frame for each in takes}
+    known = [each.known for each in takes]
+    made = fit_distances(known, frames.__getitem__, [BALL], date="2026-01-01", distance_relative_sigma=0.01)
+    assert made.calibration is not None
+    return made.calibration
 
 
 def test_a_ball_is_measured_to_its_near_side_and_gives_the_focal_length(device: V4l2Double) -> None:
-    with _session(device) as session:
-        near = session.take(1.0, FRAMES)
-        assert not session.is_proved
-        device.show(ball_at(3.0))
-        far = session.take(3.0, FRAMES)
-        assert session.is_proved
-        made = session.calibration()
+    takes = _takes(device, (1.0, ball_at(1.0)), (3.0, ball_at(3.0)))
+    made = _fit(takes)
     assert made.camera_model.fx_px == pytest.approx(600.0, rel=0.01)
-    assert (near.found, near.frames, near.reads_m) == (FRAMES, FRAMES, None)
-    assert near.size_px == pytest.approx(600 * BALL_M / 1.1, rel=0.02)
-    assert 0 < near.spread_share < 0.01
-    assert far.reads_m == pytest.approx(3.0, rel=0.02)
+    found = re.fullmatch(r"found in 3 of 3 frames, (\d+) px, spread 0\.\d%", takes[0].words)
+    assert found is not None
+    assert float(found[1]) == pytest.approx(600 * BALL_M / 1.1, rel=0.02)
     assert [each.picture for each in made.pictures] == ["at 1 m", "at 3 m"]
     assert not device.isOpened(), "the camera is left closed"
 
 
 def test_a_focus_that_moved_is_a_contradiction_and_gives_no_camera_model(device: V4l2Double) -> None:
-    with _session(device) as session:
-        session.take(1.0, FRAMES)
-        device.show(ball_at(3.0, focal_px=660.0))
-        session.take(3.0, FRAMES)
-        with pytest.raises(CalibrationError) as raised:
-            session.calibration()
+    takes = _takes(device, (1.0, ball_at(1.0)), (3.0, ball_at(3.0, focal_px=660.0)))
+    with pytest.raises(CalibrationError) as raised:
+        _fit(takes)
     words = str(raised.value)
     assert re.match(r"at 1 m and at 3 m contradict each other: their focal lengths are (9|10)\.\d% apart", words)
     assert "the focus moved (switch autofocus off)" in words
 
 
 def test_distances_from_another_point_contradict_each_other_and_the_offset_is_said(device: V4l2Double) -> None:
-    with _session(device) as session:
-        device.show(ball_at(0.7))
-        session.take(0.6, FRAMES)
-        device.show(ball_at(2.1))
-        session.take(2.0, FRAMES)
-        with pytest.raises(CalibrationError, match=r"if both distances were (9|10|11)\.\d cm longer"):
-            session.calibration()
+    takes = _takes(device, (0.6, ball_at(0.7)), (2.0, ball_at(2.1)))
+    with pytest.raises(CalibrationError, match=r"if both distances were (9|10|11)\.\d cm longer"):
+        _fit(takes)
 
 
-def test_a_distance_can_be_taken_again(device: V4l2Double) -> None:
-    with _session(device) as session:
-        device.show(ball_at(1.2))
-        session.take(1.0, FRAMES)
-        device.show(ball_at(1.0))
-        session.take(1.0, FRAMES)
-        device.show(ball_at(3.0))
-        session.take(3.0, FRAMES)
-        assert len(session.takes) == 2
-        assert session.calibration().camera_model.fx_px == pytest.approx(600.0, rel=0.01)
-
-
-def test_a_target_that_is_not_there_is_said_and_changes_nothing(device: V4l2Double) -> None:
-    with _session(device) as session:
-        session.take(1.0, FRAMES)
-        device.show(np.full((480, 640, 3), 90, np.uint8))
-        with pytest.raises(CalibrationError, match="at 3 m the target was found in 0 of 3 frames: no pixel"):
-            session.take(3.0, FRAMES)
-        assert [take.name for take in session.takes] == ["at 1 m"]
+def test_a_target_that_is_not_there_is_said(device: V4l2Double) -> None:
+    with pytest.raises(CalibrationError, match="at 3 m the target was found in 0 of 3 frames: no pixel"):
+        _takes(device, (3.0, np.full((480, 640, 3), 90, np.uint8)))

@@ -36,6 +36,7 @@ from stadimeter.cli.target_options import (
     tell_written,
 )
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
+from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import UNKNOWN_SIZE
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
@@ -47,6 +48,7 @@ from stadimeter.ranging.floor import CameraAboveFloor, camera_above, mean_of
 from stadimeter.ranging.size_from_motion import LearntSize, StepErrors, StepView, learn_size
 from stadimeter.workbench.calibration import live_distance
 from stadimeter.workbench.calibration.board_session import today
+from stadimeter.workbench.frame_source import Source
 from stadimeter.workbench.measuring import open_picture
 
 # The command ``calibrate size``: how large a thing is, from how it grows while the camera moves by known steps --------
@@ -295,7 +297,8 @@ def distance(
 
     With --live the program takes the pictures itself: it asks for the target at one distance, takes several frames,
     then asks for it at another one, which proves the first. Here a distance is measured from the lens to the target's
-    nearest point. If the distances contradict each other by more than --distance-error allows, nothing is written.
+    nearest point; those that are printed at the end are to its middle. If the distances contradict each other by more
+    than --distance-error allows, nothing is written.
 
     With --json, the last line is one object: file, replaced, camera_model with what the file holds, pictures with the
     focal length that each gives, and fit with the focal length and the edge bias of all.
@@ -339,15 +342,19 @@ def _from_pictures(
     usable = _look_at(pictures, wanted, None)
     if not usable:
         _nothing_written("no picture can be used")
+    made, all_found = _fit(usable, lambda name: open_picture(Path(name)), wanted, distance_relative_sigma)
+    return made, all_found and len(usable) == len(pictures)
+
+
+def _fit(
+    usable: Sequence[KnownDistance], frame_of: live_distance.FrameOf, wanted: WantedTargets, distance_sigma: float
+) -> tuple[Calibration, bool]:
+    """Calibrate; return the calibration, and whether it comes from all pictures. Say which were left out, and why."""
     fit = live_distance.fit_distances(
-        usable,
-        lambda name: open_picture(Path(name)),
-        wanted.choices,
-        date=today(),
-        distance_relative_sigma=distance_relative_sigma,
+        usable, frame_of, wanted.choices, date=today(), distance_relative_sigma=distance_sigma
     )
     for each in fit.left_out:
-        remedy = live_distance.remedy_words(each, open_picture(Path(each.picture)), wanted.choices[0])
+        remedy = live_distance.remedy_words(each, frame_of(each.picture), wanted.choices[0])
         reason = f"through the camera file it is not found: {each.detection.reason}{remedy}"
         typer.echo(f"left out: {each.picture}: {reason}", err=True)
     for each in fit.elsewhere:
@@ -355,7 +362,7 @@ def _from_pictures(
         say_note(f"{each.picture}: the target is taken to be at {there}; check it with `stadimeter measure --annotate`")
     if fit.calibration is None:
         _nothing_written("no picture can be used")
-    return fit.calibration, len(usable) == len(pictures) and not fit.left_out
+    return fit.calibration, not fit.left_out
 
 
 def _look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: CameraModel | None) -> list[KnownDistance]:
@@ -389,55 +396,40 @@ def _live_distances(live: str, at: Sequence[str], wanted: WantedTargets, distanc
         raise ConfigError("one distance is not proved by another; give two, such as --at 1m --at 3m")
     for text in at:
         parse_known_length(text, "--at")
-    try:
-        with live_camera(live) as source:
-            session = live_distance.LiveDistance(
-                source, wanted.choices[0], date=today(), distance_relative_sigma=distance_relative_sigma
-            )
-            typer.echo(f"Measure with a tape, from the lens to {session.measured_to}.")
-            typer.echo("Keep it in the middle of the picture, and the camera still.")
-            for asked in at or (("3 ft", "9 ft") if wanted.unit in {FOOT, INCH} else ("1 m", "3 m")):
-                take = partial(_take, session, asked)
-                _say(ask_until(partial(_ask_for, session, asked), _nothing_written, take), wanted.unit)
-            if session.to_centre_m:
-                more = format_distance(session.to_centre_m, None, wanted.unit)
-                typer.echo(f"The distances below are to the centre, which is {more} farther.")
-            return _prove(session)
-    except CalibrationError as error:
-        raise CalibrationError(f"{error}\nnothing was written") from error
-
-
-def _prove(session: live_distance.LiveDistance) -> Calibration:
-    if not session.is_proved:
-        raise CalibrationError(
-            f"one distance does not prove the other: take one {live_distance.APART_MIN:g} times as far at least"
-        )
-    typer.echo("calculating …", err=True)
-    return session.calibration()
+    (named,) = build_detectors(wanted.choices, None)
+    takes: dict[str, live_distance.Take] = {}
+    with live_camera(live) as source:
+        point = "nearest point of the " if named.detector.target_shape.limb_radius_m else ""
+        typer.echo(f"Measure with a tape, from the lens to the {point}{named.name}.")
+        typer.echo("Keep it in the middle of the picture, and the camera still.")
+        for asked in at or (("3 ft", "9 ft") if wanted.unit in {FOOT, INCH} else ("1 m", "3 m")):
+            ask = partial(_ask_for, f"{'Now put' if takes else 'Put'} it at {asked}.")
+            taken = ask_until(ask, _nothing_written, partial(_take, source, wanted.choices[0], asked))
+            takes[taken.known.picture] = taken
+    known = [each.known for each in takes.values()]
+    made, all_found = _fit(known, lambda name: takes[name].frame, wanted, distance_relative_sigma)
+    if not all_found:
+        _nothing_written("a distance cannot be used")
+    return made
 
 
 def _nothing_written(why: str) -> NoReturn:
     give_up(f"{why}, so nothing was written")
 
 
-def _ask_for(session: live_distance.LiveDistance, asked: str) -> str:
-    typer.echo(f"{'Now put' if session.takes else 'Put'} it at {asked}.")
+def _ask_for(words: str) -> str:
+    typer.echo(words)
     return "Press Enter when it is there, or type the distance that it has: "
 
 
-def _take(session: live_distance.LiveDistance, asked: str, answer: str) -> live_distance.Take:
-    return session.take(parse_known_length(answer or asked, "the distance"), name=f"at {answer or asked}")
-
-
-def _say(take: live_distance.Take, unit: LengthUnit) -> None:
-    reads = ""
-    if take.reads_m is not None:
-        share = take.reads_m / take.distance_m - 1
-        reads = f"\n    from what came before: {format_distance(take.reads_m, None, unit)} ({share:+.1%})"
-    seen = f"{take.size_px:.1f} px, spread {take.spread_share:.2%}, found in {take.found} of {take.frames} frames"
-    typer.echo(f"{take.name}: {seen}{reads}")
-    if take.reason:
-        say_note(take.reason)
+def _take(source: Source, choice: DriverChoice, asked: str, answer: str) -> live_distance.Take:
+    """Take the target at a distance, and say how it was found."""
+    distance_m = parse_known_length(answer or asked, "the distance")
+    taken = live_distance.take_at(source, choice, distance_m, name=f"at {answer or asked}")
+    typer.echo(f"{taken.known.picture}: {taken.words}")
+    if taken.known.detection.reason:
+        say_note(taken.known.detection.reason)
+    return taken
 
 
 def _lines(made: Calibration, unit: LengthUnit) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Calibrating before the camera: at one distance and at another, which proves the first; or by moving the camera."""
+"""Calibrating by a target at known distances, in pictures or before the camera; its size by moving the camera."""
 
 from __future__ import annotations
 
@@ -18,12 +18,10 @@ from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError, ConfigError, Problem
 from stadimeter.ranging.calibration import (
     BIAS_STEP_PX,
-    DISTANCE_RELATIVE_SIGMA,
     Calibration,
     KnownDistance,
     calibrate,
     check_agreement,
-    measured_depth_m,
     rough_model,
     with_readings,
 )
@@ -183,147 +181,43 @@ FOUND_SHARE_MIN = 0.5
 SPREAD_SHARE_MAX = 0.01
 SPREAD_SIGMAS_MAX = 4.0
 
-# A second distance proves the first only if it is this many times as far, or as near.
-APART_MIN = 1.5
 
+class Take(Struct, frozen=True, eq=False):
+    """The frame that counts of several at one distance, what was found in it, and how, in words."""
 
-class Take(Struct, frozen=True, eq=False, kw_only=True):
-    """The result of several frames at one distance.
-
-    Attributes:
-        known: What was found in the frame that counts.
-        distance_m: As the person gave it: from the lens to the target's nearest point.
-        frames: How many frames were taken.
-        found: In how many of them the target was found whole.
-        size_px: The median of its apparent size.
-        spread_share: The standard deviation of its size from frame to frame, as a share of it.
-        reads_m: What the distances before this one make of it; None for the first.
-        reason: A remark of the detector, such as that of several tags the largest was taken.
-    """
-
-    name: str
     known: KnownDistance
     frame: Frame
-    distance_m: float
-    frames: int
-    found: int
-    size_px: float
-    spread_share: float
-    reads_m: float | None
-    reason: str = ""
+    words: str
 
 
-class LiveDistance:
-    """A calibration before an open camera.
+def take_at(source: Source, choice: DriverChoice, distance_m: float, frames: int = FRAMES, name: str = "") -> Take:
+    """Take frames of the target where it is now, before an open camera.
 
-    Of several frames at one distance the one of median size counts: their common error, that of the tape, would not
-    get smaller by counting all of them.
+    The frame of median size counts: the common error of all of them, that of the tape, would not get smaller by
+    counting each.
 
     Args:
-        target: The target to look for: one.
+        distance_m: From the lens to the nearest point of the target: of a ball its near side.
+        name: What to call it in messages.
+
+    Raises:
+        CalibrationError: The target was not found in most of the frames, or something moved.
+        DriverError: The camera gives no frames.
+        EndOfFramesError: It is a recording, and at its end.
     """
-
-    def __init__(
-        self,
-        source: Source,
-        target: DriverChoice,
-        *,
-        date: str,
-        distance_relative_sigma: float = DISTANCE_RELATIVE_SIGMA,
-    ) -> None:
-        self._source = source
-        self._choices = (target,)
-        (self._target,) = build_detectors(self._choices, None)
-        self._date = date
-        self._relative_sigma = distance_relative_sigma
-        self._takes: dict[str, Take] = {}
-
-    @property
-    def measured_to(self) -> str:
-        """The point of the target to which distances are measured."""
-        return f"the nearest point of the {self._target.name}" if self.to_centre_m else f"the {self._target.name}"
-
-    @property
-    def to_centre_m(self) -> float:
-        """Distance by which the target's centre, which is what is measured later, is behind that point."""
-        return self._target.detector.target_shape.limb_radius_m
-
-    @property
-    def takes(self) -> tuple[Take, ...]:
-        """The sightings at each distance, in the order in which they were taken."""
-        return tuple(self._takes.values())
-
-    @property
-    def is_proved(self) -> bool:
-        """True if there are two distances far enough apart for one to prove the other."""
-        distances_m = [take.distance_m for take in self.takes]
-        return len(distances_m) > 1 and max(distances_m) >= APART_MIN * min(distances_m)
-
-    def take(self, distance_m: float, frames: int = FRAMES, name: str = "") -> Take:
-        """Take frames of the target where it is now. A take of the same name, or else distance, is replaced.
-
-        Args:
-            distance_m: From the lens to the nearest point of the target: of a ball its near side.
-            name: What to call it in messages.
-
-        Raises:
-            CalibrationError: The target was not found in most of the frames, or something moved.
-            DriverError: The camera gives no frames.
-            EndOfFramesError: It is a recording, and at its end.
-        """
-        name = name or f"at {distance_m:g} m"
-        depth_m = distance_m + self.to_centre_m
-        seen = [
-            (look_at_distance(name, frame, depth_m, self._target), frame)
-            for frame in fresh_frames(self._source, frames)
-        ]
-        found = [pair for pair in seen if pair[0].is_usable]
-        if len(found) < max(1.0, FOUND_SHARE_MIN * len(seen)):
-            missed = [pair for pair in seen if not pair[0].is_usable]
-            raise CalibrationError(_why_not_found(name, missed, len(seen), self._choices[0]))
-        found.sort(key=lambda pair: apparent_px(pair[0].detection))
-        known, frame = found[len(found) // 2]
-        size_px, spread_share = steady_size(name, known.detection, [apparent_px(each.detection) for each, _ in found])
-        self._takes[name] = Take(
-            name=name,
-            known=known,
-            frame=frame,
-            distance_m=distance_m,
-            frames=len(seen),
-            found=len(found),
-            size_px=size_px,
-            spread_share=spread_share,
-            reads_m=self._reads_m(known),
-            reason=known.detection.reason,
-        )
-        return self._takes[name]
-
-    def calibration(self) -> Calibration:
-        """Return the calibration from all distances.
-
-        Raises:
-            CalibrationError: The distances contradict each other, or the target is not found through the camera model.
-        """
-        fit = fit_distances(
-            [take.known for take in self.takes],
-            lambda name: self._takes[name].frame,
-            self._choices,
-            date=self._date,
-            distance_relative_sigma=self._relative_sigma,
-        )
-        for each in (*fit.left_out, *fit.elsewhere):
-            why = each.detection.reason or "another thing is taken for it"
-            raise CalibrationError(f"{each.picture} the target is not found again through the camera model: {why}")
-        if fit.calibration is None:
-            raise CalibrationError("there is no distance yet; take one")
-        return fit.calibration
-
-    def _reads_m(self, known: KnownDistance) -> float | None:
-        others = [take.known for name, take in self._takes.items() if name != known.picture]
-        if not others:
-            return None
-        model = calibrate(others, date=self._date, distance_relative_sigma=self._relative_sigma).camera_model
-        return measured_depth_m(known, model) - self.to_centre_m
+    name = name or f"at {distance_m:g} m"
+    (target,) = build_detectors([choice], None)
+    depth_m = distance_m + target.detector.target_shape.limb_radius_m
+    seen = [(look_at_distance(name, frame, depth_m, target), frame) for frame in fresh_frames(source, frames)]
+    found = [pair for pair in seen if pair[0].is_usable]
+    if len(found) < max(1.0, FOUND_SHARE_MIN * len(seen)):
+        missed = [pair for pair in seen if not pair[0].is_usable]
+        raise CalibrationError(_why_not_found(name, missed, len(seen), choice))
+    found.sort(key=lambda pair: apparent_px(pair[0].detection))
+    known, frame = found[len(found) // 2]
+    size_px, spread_share = steady_size(name, known.detection, [apparent_px(each.detection) for each, _ in found])
+    words = f"found in {len(found)} of {len(seen)} frames, {size_px:.0f} px, spread {spread_share:.1%}"
+    return Take(known, frame, words)
 
 
 def fresh_frames(source: Source, number: int = FRAMES) -> Sequence[Frame]:

@@ -21,7 +21,7 @@ from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA, KnownDistance
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.calibration.board_session import today
-from stadimeter.workbench.calibration.live_distance import LiveDistance, fit_distances, look_at_distance, remedy_words
+from stadimeter.workbench.calibration.live_distance import fit_distances, look_at_distance, remedy_words, take_at
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.picture_metadata import check_lens_settings
 from stadimeter.workbench.setup.question import (
@@ -174,10 +174,9 @@ def _take_live(known: Known, distance_m: float) -> tuple[Frame, str]:
     if known.camera is None:
         raise ConfigError("there is no camera")
     with known.opening(known.camera) as source:
-        take = LiveDistance(source, build_target(known), date=today()).take(distance_m)
+        take = take_at(source, build_target(known), distance_m)
     known.frames = (take.frame,)
-    spread = f"spread {take.spread_share:.1%}"
-    return take.frame, f"Found in {take.found} of {take.frames} frames, {take.size_px:.0f} px, {spread}."
+    return take.frame, f"{take.words[0].upper()}{take.words[1:]}."
 
 
 def take_shown(known: Known) -> tuple[Frame, str]:
