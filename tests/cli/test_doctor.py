@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 from stadimeter.cli import doctor
 from stadimeter.cli.main import app
 from stadimeter.config.extras import guide
-from stadimeter.workbench.doctor.computer import Computer, DiagnosisSeverity
+from stadimeter.workbench.doctor.checks import Computer, DiagnosisSeverity
 from support.broker import free_port
 from support.captured_computers import PC, PI_4, ZERO_2, Captured
 

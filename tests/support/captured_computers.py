@@ -15,8 +15,7 @@ from typing import Any
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from stadimeter.workbench.doctor.checks import CHECKS
-from stadimeter.workbench.doctor.computer import CommandResult, Computer, Diagnosis, Examined
+from stadimeter.workbench.doctor.checks import CHECKS, CommandResult, Computer, Diagnosis, Examined
 
 GROUP = "root:x:0:\ndialout:x:20:{dialout}\nvideo:x:44:{video}\ngpio:x:986:{gpio}\n"
 STATUS = "Name:\tpython\nUid:\t{uid}\t{uid}\t{uid}\t{uid}\nGroups:\t{groups} \n"

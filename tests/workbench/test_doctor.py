@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.workbench.doctor.checks import IN_USE
-from stadimeter.workbench.doctor.computer import (
+from stadimeter.workbench.doctor.checks import (
+    IN_USE,
     INSTALLED,
     PROBE,
     Computer,

