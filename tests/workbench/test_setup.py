@@ -24,10 +24,17 @@ from stadimeter.workbench import frame_source
 from stadimeter.workbench.doctor.checks import Computer
 from stadimeter.workbench.rule_tests import run_rule_test
 from stadimeter.workbench.setup.camera_step import table_of
-from stadimeter.workbench.setup.files import base_table, configuration_files
 from stadimeter.workbench.setup.interview import Interview, load_answers
 from stadimeter.workbench.setup.question import Known
-from stadimeter.workbench.setup.recipe_steps import BaseStep, BlankStep, OutputStep, RecipeStep, recipe_steps
+from stadimeter.workbench.setup.recipe_steps import (
+    BaseStep,
+    BlankStep,
+    OutputStep,
+    RecipeStep,
+    base_table,
+    configuration_files,
+    recipe_steps,
+)
 from stadimeter.workbench.setup.recipes import Recipe, load_recipes
 from stadimeter.workbench.setup.target import offered_kinds
 from support.each_case import each_case

@@ -27,7 +27,6 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.measuring import Measuring
 from stadimeter.workbench.saving import VERSIONS
-from stadimeter.workbench.setup.files import configuration_files, rule_names
 from stadimeter.workbench.setup.interview import (
     ANSWERS,
     Interview,
@@ -39,6 +38,7 @@ from stadimeter.workbench.setup.interview import (
     write_files,
 )
 from stadimeter.workbench.setup.question import CONFIGURATION, PICTURES, Accepted, Known, Question
+from stadimeter.workbench.setup.recipe_steps import configuration_files, rule_names
 from stadimeter.workbench.wiring import find_outputs, parts_of
 
 BACK = "back"
@@ -349,6 +349,6 @@ def _next_commands(console: Console, known: Known) -> None:
     for line in (
         f"stadimeter measure {what} --config {known.file}",
         f"stadimeter run {known.file} --watch",
-        f"stadimeter explain {asked}" if asked else f"stadimeter locate {pictures} --config {known.file}",
+        f"stadimeter explain {asked}" if asked else f"stadimeter measure {pictures} --where --config {known.file}",
     ):
         console.print(f"  {line}", markup=False, soft_wrap=True)

@@ -21,7 +21,7 @@ from stadimeter.workbench.measuring import Measuring
 from stadimeter.workbench.server.editing import load_text, save, saved_text, version_of
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.run_of_desk import run_socket
-from stadimeter.workbench.setup.trying import describe_picture, encode_jpeg
+from stadimeter.workbench.setup.target import describe_picture, encode_jpeg
 
 
 @operation

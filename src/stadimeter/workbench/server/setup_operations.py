@@ -28,15 +28,11 @@ from stadimeter.workbench.printing import svg_of
 from stadimeter.workbench.saving import check_is_not_ours
 from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
-from stadimeter.workbench.setup import colour_step, trying
+from stadimeter.workbench.setup import colour_step, recipe_steps, target
 from stadimeter.workbench.setup.camera_step import CameraStep, HeldCamera, table_of, with_exposure
-from stadimeter.workbench.setup.colour_step import ColourTrial
-from stadimeter.workbench.setup.files import configuration_files, parts_of_answers
 from stadimeter.workbench.setup.interview import ANSWERS, Interview, load_answers, was_left
 from stadimeter.workbench.setup.question import CONFIGURATION, Known, Question, SetupStep
-from stadimeter.workbench.setup.recipe_steps import BlankStep, RecipeStep, recipe_steps
 from stadimeter.workbench.setup.recipes import SCREEN, part_table
-from stadimeter.workbench.setup.target import KindStep, TargetStep, kind_steps
 from stadimeter.workbench.wiring import circuits_picture, find_outputs, header_labels
 
 
@@ -57,7 +53,7 @@ class SetupDesk:
         self.folder = configuration.parent
         self.camera = HeldCamera(partial(source_beside_run, configuration=configuration, socket=run_socket))
         self.begun: Interview | None = None
-        self.trial = ColourTrial()
+        self.trial = colour_step.ColourTrial()
         self.shown: Frame | None = None
         self.offered: DriverChoice | None = None
         self.doubt: tuple[str, ...] = ()
@@ -87,7 +83,7 @@ class SetupDesk:
         self.move_on()
         self.begun, self.shown = None, None
         self.notes.clear()
-        self.trial = ColourTrial()
+        self.trial = colour_step.ColourTrial()
 
     def newest(self) -> Frame:
         """Return the picture that the camera sees now, or one of a recording.
@@ -121,8 +117,8 @@ class SetupDesk:
 
 # Questions whose options leave others open, which one form asks together with them.
 _OPENED_BY: Mapping[str, Callable[[Mapping[str, str]], Iterable[SetupStep]]] = {
-    TargetStep.key: kind_steps,
-    RecipeStep.key: recipe_steps,
+    target.TargetStep.key: target.kind_steps,
+    recipe_steps.RecipeStep.key: recipe_steps.recipe_steps,
 }
 
 
@@ -135,7 +131,7 @@ def _as_json(interview: Interview, question: Question) -> dict[str, Any]:
         kept = interview.earlier if is_again else {}
         blanks = []
         for step in _OPENED_BY[question.key](chosen.answers) if question.key in _OPENED_BY else ():
-            if isinstance(step, KindStep | BlankStep):
+            if isinstance(step, target.KindStep | recipe_steps.BlankStep):
                 asked = step.question(chosen)
                 ready = kept.get(step.key, asked.ready)
                 blanks.append({**plain(asked), "key": step.key, "text": step.blank.text, "ready": ready})
@@ -231,20 +227,20 @@ def leave(desk: Desk, *, camera_only: bool = False) -> dict[str, Any]:
 def picture(desk: Desk, draw: str = "target", width_px: int = 0) -> DeskReply:
     """Answer what the camera sees now: figures, and a JPEG that may be smaller than they are about."""
     setup = setup_of(desk)
-    if draw not in trying.DRAWINGS:
-        raise ConfigError(f"draw is one of {', '.join(trying.DRAWINGS)}")
+    if draw not in target.DRAWINGS:
+        raise ConfigError(f"draw is one of {', '.join(target.DRAWINGS)}")
     frame = setup.newest()
     if draw == "mask" and setup.trial.colour:
         seen = colour_step.view_range(frame, setup.trial.colour)
-        values = {**trying.describe_picture(frame, seen.detection, None), "words": colour_step.describe_view(seen)}
+        values = {**target.describe_picture(frame, seen.detection, None), "words": colour_step.describe_view(seen)}
         values["range"] = range_figures(seen)
         image = colour_picture(frame.image, seen, setup.trial.colour)
-        return DeskReply(data=values, attached=trying.encode_jpeg(image, width_px))
+        return DeskReply(data=values, attached=target.encode_jpeg(image, width_px))
     known, found, measured, image = setup.interview.known, None, None, frame.image
-    if draw != "plain" and (target := trying.target_so_far(known, setup.trial.colour)) is not None:
-        found, measured = trying.look_for_target(known, frame, target)
-        image = trying.draw_findings(frame, found, measured)
-    return DeskReply(data=trying.describe_picture(frame, found, measured), attached=trying.encode_jpeg(image, width_px))
+    if draw != "plain" and (wanted := target.target_so_far(known, setup.trial.colour)) is not None:
+        found, measured = target.look_for_target(known, frame, wanted)
+        image = target.draw_findings(frame, found, measured)
+    return DeskReply(data=target.describe_picture(frame, found, measured), attached=target.encode_jpeg(image, width_px))
 
 
 @operation
@@ -268,7 +264,7 @@ def camera(desk: Desk, camera: str, exposure: str = "") -> dict[str, Any]:
         "is_locked": getattr(choice.options, "exposure", None) is not None,
         "proposed_exposure_s": better_exposure_s(frame.image, frame.exposure_s),
     }
-    return {**trying.describe_picture(frame, None, None), **told}
+    return {**target.describe_picture(frame, None, None), **told}
 
 
 @operation
@@ -288,7 +284,7 @@ def colour(
     setup = setup_of(desk)
     frame, trial = setup.shown or setup.newest(), setup.trial
     if forget:
-        trial = setup.trial = ColourTrial()
+        trial = setup.trial = colour_step.ColourTrial()
     if range_ is not None:
         trial.take(range_, frame)
     if look and not trial.look(frame):
@@ -340,7 +336,7 @@ def files(desk: Desk) -> dict[str, Any]:
     if setup.interview.next_key:
         raise ConfigError("there are questions left")
     known = setup.interview.known
-    others = configuration_files(known.answers, known.lens, known.model_file)
+    others = recipe_steps.configuration_files(known.answers, known.lens, known.model_file)
     text = others.pop(CONFIGURATION)
     checked = editing.check(desk, text, others, tests=True)
     return {
@@ -354,8 +350,8 @@ def files(desk: Desk) -> dict[str, Any]:
 def _chosen_parts(desk: Desk, proposed: str) -> tuple[DriverChoice, ...]:
     """Return the wired parts by the answers, the proposed output last."""
     known = setup_of(desk).interview.known
-    outputs = [each for each in parts_of_answers(known.answers, "output").values() if each != proposed]
-    pressed = parts_of_answers(known.answers, "button").values()
+    outputs = [each for each in recipe_steps.parts_of_answers(known.answers, "output").values() if each != proposed]
+    pressed = recipe_steps.parts_of_answers(known.answers, "button").values()
     return tuple(
         known.choose(DRIVER_KINDS[section], (section, answer.split()[0]), part_table(answer))
         for section, answers in (("buttons", pressed), ("actuators", [*dict.fromkeys(outputs), proposed]))

@@ -1,22 +1,37 @@
-"""Questions about what shall happen: which recipes, their blanks, and the outputs that they drive."""
+"""What shall happen: questions for recipes, blanks and outputs; and the configuration that all answers come to."""
 
 from __future__ import annotations
 
 import math
+import re
+import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from stadimeter.config.driver_tables import BASE
+from stadimeter.config.camera_file import camera_file_text
+from stadimeter.config.driver_tables import BASE, TARGET
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import DriverOptions, driver_names, load_driver
 from stadimeter.config.units import parse_length
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError, DriverError, Problem
 from stadimeter.ranging.similar_triangles import RELIABLE_PX, farthest_m
 from stadimeter.workbench.doctor.checks import Computer
-from stadimeter.workbench.setup.files import blank_answers, chosen_recipes, configuration_files
-from stadimeter.workbench.setup.question import Accepted, Known, Option, Question, SetupStep, words_of
-from stadimeter.workbench.setup.recipes import NOTHING, SCREEN, Blank, Recipe, driver_blanks, load_recipes
+from stadimeter.workbench.setup import recipes
+from stadimeter.workbench.setup.camera_step import SIMULATED, table_of
+from stadimeter.workbench.setup.question import (
+    CAMERA_FILE,
+    CONFIGURATION,
+    Accepted,
+    Known,
+    Option,
+    Question,
+    SetupStep,
+    words_of,
+)
 from stadimeter.workbench.setup.target import (
+    IN_ROOM,
     WHOLE_SHARE,
     build_target,
     members_of,
@@ -39,7 +54,7 @@ class RecipeStep(SetupStep):
 
     asked = Question(
         text="What shall happen?",
-        options=tuple(Option(each.key, each.title, each.group) for each in load_recipes().values()),
+        options=tuple(Option(each.key, each.title, each.group) for each in recipes.load_recipes().values()),
         ready="near",
         form="several of them, by name or number, such as near far",
     )
@@ -47,7 +62,7 @@ class RecipeStep(SetupStep):
     def accept(self, known: Known, text: str) -> Accepted:
         """Take recipes by their names."""
         names = list(dict.fromkeys(words_of(text.replace(",", " "))))
-        possible = load_recipes()
+        possible = recipes.load_recipes()
         wrong = [name for name in names if name not in possible]
         if wrong or not names:
             raise ConfigError(f"{' '.join(wrong) or text!r} is none of {', '.join(possible)}")
@@ -71,8 +86,8 @@ def recipe_steps(answers: Mapping[str, str]) -> Iterator[SetupStep]:
         yield from (BlankStep(recipe, blank) for blank in recipe.blanks)
         if recipe.output == "base":
             yield BaseStep()
-            if (model := base_drivers().get(answers.get("base", SCREEN))) is not None:
-                yield from (PartStep(recipe, blank) for blank in driver_blanks(model, "base_"))
+            if (model := base_drivers().get(answers.get("base", recipes.SCREEN))) is not None:
+                yield from (PartStep(recipe, blank) for blank in recipes.driver_blanks(model, "base_"))
         elif recipe.output == "mqtt":
             yield PartStep(recipe, BROKER)
         elif recipe.output:
@@ -87,13 +102,13 @@ def complete_answers(known: Known, changed: Mapping[str, str]) -> dict[str, str]
     answers = {**known.answers, **changed}
     for step in recipe_steps(answers):
         is_output = step.kind == "output" or step.key == "base"
-        answers.setdefault(step.key, SCREEN if is_output else step.question(known).ready)
+        answers.setdefault(step.key, recipes.SCREEN if is_output else step.question(known).ready)
         if not answers[step.key]:
             return None
     return answers
 
 
-def check_answer(known: Known, recipe: Recipe, key: str, text: str) -> None:
+def check_answer(known: Known, recipe: recipes.Recipe, key: str, text: str) -> None:
     """Load the configuration that the answers so far and this one make; raise what is wrong with it.
 
     Where it stands is nothing that a person has written, so only the sentences are kept.
@@ -121,7 +136,7 @@ def reach_m(known: Known) -> tuple[float, float]:
     return known.reach_m
 
 
-def ready_answers(known: Known, recipe: Recipe) -> dict[str, str]:
+def ready_answers(known: Known, recipe: recipes.Recipe) -> dict[str, str]:
     """Return the ready answers to the blanks, nearer or farther where the camera would not see the target there."""
     whole_m, seen_m = reach_m(known)
     lengths = {blank.key: parse_length(blank.ready) for blank in recipe.blanks if is_distance(recipe, blank)}
@@ -131,7 +146,7 @@ def ready_answers(known: Known, recipe: Recipe) -> dict[str, str]:
     return {blank.key: scaled.get(blank.key, blank.ready) for blank in recipe.blanks}
 
 
-def is_distance(recipe: Recipe, blank: Blank) -> bool:
+def is_distance(recipe: recipes.Recipe, blank: recipes.Blank) -> bool:
     """Check whether a blank is how far away the target is, rather than a size, or something of camera and lens."""
     return blank.unit == "m" and bool(recipe.output) and blank.key != "side"
 
@@ -140,8 +155,8 @@ def is_distance(recipe: Recipe, blank: Blank) -> bool:
 class BlankStep(SetupStep):
     """A blank of a recipe."""
 
-    recipe: Recipe
-    blank: Blank
+    recipe: recipes.Recipe
+    blank: recipes.Blank
     kind = "blank"
 
     def __post_init__(self) -> None:
@@ -161,7 +176,7 @@ class BlankStep(SetupStep):
     def _ready(self, known: Known) -> str:
         """Return the ready answer; of a second tag the first number that is not the target itself."""
         if self.blank.kind == "part":
-            return self.blank.ready if Computer().is_pi else SCREEN
+            return self.blank.ready if Computer().is_pi else recipes.SCREEN
         if self.blank.kind == "number":
             return next(text for text in (self.blank.ready, "8") if not _is_target(known, text))
         return ready_answers(known, self.recipe)[self.blank.key] if self.blank.unit == "m" else self.blank.ready
@@ -190,8 +205,8 @@ def _is_target(known: Known, number: str) -> bool:
 class PartStep(SetupStep):
     """An option of a base, or the broker: what there is one of for all recipes."""
 
-    recipe: Recipe
-    blank: Blank
+    recipe: recipes.Recipe
+    blank: recipes.Blank
     kind = "blank"
 
     def __post_init__(self) -> None:
@@ -208,7 +223,7 @@ class PartStep(SetupStep):
         return Accepted(answer=text)
 
 
-BROKER = Blank(
+BROKER = recipes.Blank(
     key="broker",
     text="Where is the MQTT broker?",
     ready="127.0.0.1",
@@ -244,16 +259,16 @@ class BaseStep(SetupStep):
         ]
         return Question(
             text="What is the robot's base?",
-            options=(*options, Option(SCREEN, "no robot yet; the live view shows what it would do")),
-            ready=USUAL if Computer().is_pi else SCREEN,
+            options=(*options, Option(recipes.SCREEN, "no robot yet; the live view shows what it would do")),
+            ready=USUAL if Computer().is_pi else recipes.SCREEN,
         )
 
     def accept(self, known: Known, text: str) -> Accepted:  # noqa: ARG002
         """Check that there is such a driver."""
         names = base_drivers()
-        if text != SCREEN and text not in names:
-            raise ConfigError(f"{text!r} is none of {', '.join(names)} and {SCREEN}")
-        if text != SCREEN:
+        if text != recipes.SCREEN and text not in names:
+            raise ConfigError(f"{text!r} is none of {', '.join(names)} and {recipes.SCREEN}")
+        if text != recipes.SCREEN:
             load_driver(BASE.group, text)
         return Accepted(answer=text)
 
@@ -262,7 +277,7 @@ class BaseStep(SetupStep):
 class OutputStep(SetupStep):
     """The question of what a recipe drives."""
 
-    recipe: Recipe
+    recipe: recipes.Recipe
     kind = "output"
 
     def __post_init__(self) -> None:
@@ -275,8 +290,8 @@ class OutputStep(SetupStep):
         is_taken = any(each != self.recipe.output and each.split()[1:] == [pin] for each in others)
         usual = f"{driver} 24" if is_taken else self.recipe.output
         wired = Option(usual, "wired to a pin of the header, by its BCM number")
-        screen = Option(SCREEN, "nothing is wired yet; the live view shows it")
-        report = [] if self.recipe.needs_output else [Option(NOTHING, "it only reports")]
+        screen = Option(recipes.SCREEN, "nothing is wired yet; the live view shows it")
+        report = [] if self.recipe.needs_output else [Option(recipes.NOTHING, "it only reports")]
         both = [wired, screen] if Computer().is_pi else [screen, wired]
         return Question(
             text=f"What shall “{self.recipe.title}” drive?",
@@ -287,6 +302,143 @@ class OutputStep(SetupStep):
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Check that there is such an output, and that the pin is free."""
-        if text != NOTHING or self.recipe.needs_output:
+        if text != recipes.NOTHING or self.recipe.needs_output:
             check_answer(known, self.recipe, self.key, text)
         return Accepted(answer=text)
+
+
+# The configuration that recipes and the other answers come to ---------------------------------------------------------
+
+_MEMBER = re.compile(r".*\{member\}.*")
+
+
+def chosen_recipes(answers: Mapping[str, str]) -> tuple[recipes.Recipe, ...]:
+    """Return the recipes of the answers."""
+    known = recipes.load_recipes()
+    return tuple(known[key] for key in answers.get("recipe", "").split())
+
+
+def blank_answers(recipe: recipes.Recipe, answers: Mapping[str, str]) -> dict[str, str]:
+    """Return the answers to the blanks of a recipe by their own keys, as far as they are given."""
+    own = {blank.key: answers.get(f"{recipe.key}_{blank.key}") for blank in recipe.blanks}
+    return {key: text for key, text in own.items() if text is not None}
+
+
+def parts_of_answers(answers: Mapping[str, str], kind: str) -> dict[str, str]:
+    """Return the answers for what is on pins by their keys: each ``output``, or each ``button``."""
+    keys = [f"{each.key}_{kind}" for each in chosen_recipes(answers)]
+    return {key: answers[key] for key in keys if answers.get(key, recipes.NOTHING) != recipes.NOTHING}
+
+
+def base_table(answers: Mapping[str, str]) -> dict[str, Any]:
+    """Return the table ``[base]``: its driver, the options of the answers ``base_…``, and the limits of every base."""
+    speed = next((answers[key] for key in answers if key.endswith("_speed") and not key.startswith("base_")), "0.5 m/s")
+    limits = {"max_speed": speed, "max_turn_rate": "60 deg/s"}
+    if answers["base"] == recipes.SCREEN:
+        return {"driver": "simulated", **limits}
+    own = {
+        key.removeprefix("base_"): recipes.option_value(text)
+        for key, text in answers.items()
+        if key.startswith("base_")
+    }
+    return {"driver": answers["base"], **own, **limits}
+
+
+def messenger_table(broker: str) -> dict[str, Any]:
+    """Return the table ``[messenger]``."""
+    host, _, port = broker.partition(":")
+    return {"driver": "mqtt", "host": host, **({"port": recipes.option_value(port)} if port else {})}
+
+
+_TITLE = """\
+# Written by `stadimeter init`. Change what you like:
+#
+#   stadimeter check stadimeter.toml     says in words what the rules below do
+#   stadimeter test stadimeter.toml      tries the tests at the end; nothing moves
+#   stadimeter run stadimeter.toml --watch
+
+"""
+
+_SCREEN_NAMES = {"vibration-motor": "motor", "led": "light", "relay": "light"}
+
+
+def configuration_files(answers: Mapping[str, str], camera_model: CameraModel, model_file: str = "") -> dict[str, str]:
+    """Return the text of each file by its name: the configuration, and the camera file unless there is one.
+
+    Args:
+        model_file: The camera file that is there already; empty to write one.
+    """
+    if any(recipe.brings_lens for recipe in chosen_recipes(answers)):
+        return {CONFIGURATION: _configuration(answers, {})}
+    files = {CONFIGURATION: _configuration(answers, {"model": model_file or CAMERA_FILE})}
+    lens = f"{recipes.lines(_settings('lens', answers))}\n\n{camera_file_text(camera_model)}".lstrip()
+    return files if model_file else {CAMERA_FILE: lens, **files}
+
+
+def _settings(part: str, answers: Mapping[str, str]) -> dict[str, Any]:
+    """Return the keys that the recipes add to a table: ``camera``, ``target`` or ``lens``."""
+    chosen = chosen_recipes(answers)
+    texts = [recipes.fill(getattr(each, part), each.texts(blank_answers(each, answers))) for each in chosen]
+    return tomllib.loads("\n".join(texts))
+
+
+def rule_names(answers: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the names of the rules that the answers lead to."""
+    texts = "".join(recipe.configuration for recipe in chosen_recipes(answers))
+    return tuple(re.findall(r"^\[rules\.([\w-]+)\]$", texts, re.MULTILINE))
+
+
+def _configuration(answers: Mapping[str, str], lens: Mapping[str, str]) -> str:
+    outputs = _outputs(answers)
+    camera = {**table_of(answers["camera"]), **lens, **_settings("camera", answers)}
+    target = {**target_table(answers), **_settings("target", answers)}
+    tables: list[tuple[str, Mapping[str, Any]]] = [("camera", camera), (f"targets.{answers['target']}", target)]
+    tables += [(f"actuators.{name}", recipes.part_table(answer)) for name, answer in dict(outputs.values()).items()]
+    if "base" in answers:
+        tables.append(("base", base_table(answers)))
+    if answers["camera"] == SIMULATED:
+        tables.append(("world", {"ball_diameter": target["diameter"]} if target[TARGET.key] == IN_ROOM else {}))
+    elif answers.get("base") == recipes.SCREEN:
+        tables.append(("world", {}))
+    if "broker" in answers:
+        tables.append(("messenger", messenger_table(answers["broker"])))
+    parts = [f"[{name}]\n{recipes.lines(table)}\n" for name, table in tables]
+    for recipe in chosen_recipes(answers):
+        second, rules = _filled(recipe, answers, outputs.get(recipe.key, ("", ""))[0])
+        parts += [each for each in (second, rules) if each and each not in parts]  # two recipes may share a target
+    return _TITLE + "\n".join(parts)
+
+
+def _outputs(answers: Mapping[str, str]) -> dict[str, tuple[str, str]]:
+    """Return for each recipe that drives an actuator its name and the answer; recipes with one answer share it."""
+    named: dict[str, str] = {}
+    outputs = {}
+    for recipe in chosen_recipes(answers):
+        answer = answers.get(f"{recipe.key}_output", recipes.NOTHING)
+        if answer == recipes.NOTHING:
+            continue
+        driver = recipe.output.split()[0] if answer == recipes.SCREEN else answer.split()[0]
+        name = _SCREEN_NAMES.get(driver, driver)
+        key = f"{answer} {name}" if answer == recipes.SCREEN else answer
+        if key not in named:
+            taken = sum(other == name or other.startswith(f"{name}-") for other in named.values())
+            named[key] = f"{name}-{taken + 1}" if taken else name
+        outputs[recipe.key] = (named[key], answer)
+    return outputs
+
+
+def _filled(recipe: recipes.Recipe, answers: Mapping[str, str], output: str) -> tuple[str, str]:
+    """Return the second target that a recipe needs, empty for none, and its rules and tests."""
+    texts = {**recipe.texts(blank_answers(recipe, answers)), "group": answers["target"], "output": output}
+    members, name = members_of(answers), answers["target"]
+    target = name if members == (name,) else f"{name}-nearest"
+    drives = (f'actuator = "{output}"\n' if output else "") + f'target = "{target}"\n'
+    rules, begins, tests = recipe.configuration.replace("{drives}", drives).partition("[[tests]]")
+    tests = _MEMBER.sub(lambda line: "\n".join(line[0].replace("{member}", each) for each in members), tests)
+    text = recipes.fill(rules, {**texts, "target": target}) + recipes.fill(
+        begins + tests, {**texts, "target": members[0]}
+    )
+    if not text.startswith("[targets."):
+        return "", text
+    second, _, rest = text.partition("\n\n")
+    return f"{second}\n", rest
