@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import numpy as np
@@ -130,8 +131,6 @@ class CameraContract(Contract):
         assert all(frame.image.dtype == np.uint8 for frame in frames), "images are 8 bits a channel"
         assert all(frame.image.ndim == 3 and frame.image.shape[2] == 3 for frame in frames), "images have 3 channels"
         assert len({frame.image.shape for frame in frames}) == 1, "the size does not change"
-        assert frames[0].width_px > 0, "an image has a width"
-        assert frames[0].height_px > 0, "an image has a height"
 
     def test_numbers_rise_and_capture_times_never_go_back_nor_ahead_of_the_clock(self, rig: CameraRig) -> None:
         """Age is computed from them; a frame from the future would look fresh for too long."""
@@ -171,14 +170,12 @@ class CameraContract(Contract):
         if not rig.camera.is_live:
             pytest.skip("a camera that is not live is read and closed by one thread")
         rig.camera.open()
-        started, ended_by = threading.Event(), list[Exception]()
-        thread = threading.Thread(target=_read_until_error, args=(rig.camera, started, ended_by), daemon=True)
-        thread.start()
-        assert started.wait(CLOSE_LIMIT_S), "no frame came"
-        rig.camera.close()
-        thread.join(CLOSE_LIMIT_S)
-        assert not thread.is_alive(), "the read did not end"
-        assert isinstance(ended_by[0], errors.DriverError), f"the read ended with {ended_by[0]!r}"
+        started = threading.Event()
+        with ThreadPoolExecutor(1) as pool:
+            reading = pool.submit(_read_until_error, rig.camera, started)
+            assert started.wait(CLOSE_LIMIT_S), "no frame came"
+            rig.camera.close()
+            assert isinstance(error := reading.exception(CLOSE_LIMIT_S), errors.DriverError), f"it ended with {error!r}"
 
 
 def _error_of(camera: Camera) -> Exception | None:
@@ -191,10 +188,7 @@ def _error_of(camera: Camera) -> Exception | None:
     return None
 
 
-def _read_until_error(camera: Camera, started: threading.Event, ended_by: list[Exception]) -> None:
-    try:
-        while True:
-            camera.read()
-            started.set()
-    except Exception as error:  # noqa: BLE001 - the test looks at it
-        ended_by.append(error)
+def _read_until_error(camera: Camera, started: threading.Event) -> None:
+    while True:
+        camera.read()
+        started.set()

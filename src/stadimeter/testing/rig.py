@@ -74,28 +74,6 @@ def impossible(reason: str) -> Fault:
     return skip
 
 
-class Stopwatch(Struct):
-    """Fails a driver whose calls keep the control loop waiting."""
-
-    slow_in_a_row: Counter[str] = field(default_factory=Counter)
-
-    def time(self, device: object, method: str, *args: object) -> Any:
-        """Call a method and return what it returns."""
-        begun_s = time.perf_counter()
-        result = getattr(device, method)(*args)
-        took_s = time.perf_counter() - begun_s
-        # With more to do than a computer has cores, each call takes so many times as long through no fault of its own.
-        limit_s = SLOW_CALL_S * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
-        self.slow_in_a_row[method] = self.slow_in_a_row[method] + 1 if took_s > limit_s else 0
-        if self.slow_in_a_row[method] == SLOW_IN_A_ROW:
-            pytest.fail(
-                f"{type(device).__qualname__}.{method}() is too slow: {SLOW_IN_A_ROW} calls in a row took more than "
-                f"{limit_s * 1e3:.0f} ms, the last one {took_s * 1e3:.0f} ms. The control loop calls it, "
-                "and must never wait: leave waiting to a thread, or look again at the next tick"
-            )
-        return result
-
-
 class Rig(Struct, Generic[DeviceT], frozen=True, kw_only=True, eq=False):
     """A driver and its device.
 
@@ -109,7 +87,7 @@ class Rig(Struct, Generic[DeviceT], frozen=True, kw_only=True, eq=False):
     device: DeviceT
     faults: Mapping[str, Fault]
     patience_s: float = 20.0
-    _stopwatch: Stopwatch = field(default_factory=Stopwatch)
+    _slow_in_a_row: Counter[str] = field(default_factory=Counter)
 
     def begin(self, fault: str) -> None:
         """Let something go wrong."""
@@ -125,7 +103,19 @@ class Rig(Struct, Generic[DeviceT], frozen=True, kw_only=True, eq=False):
 
     def timed(self, method: str, *args: object) -> Any:
         """Call a method of the driver that must return at once, and fail the test if it does not."""
-        return self._stopwatch.time(self.device, method, *args)
+        begun_s = time.perf_counter()
+        result = getattr(self.device, method)(*args)
+        took_s = time.perf_counter() - begun_s
+        # With more to do than a computer has cores, each call takes so many times as long through no fault of its own.
+        limit_s = SLOW_CALL_S * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+        self._slow_in_a_row[method] = self._slow_in_a_row[method] + 1 if took_s > limit_s else 0
+        if self._slow_in_a_row[method] == SLOW_IN_A_ROW:
+            pytest.fail(
+                f"{method}() is too slow: {SLOW_IN_A_ROW} calls in a row took more than {limit_s * 1e3:.0f} ms, the "
+                f"last one {took_s * 1e3:.0f} ms. The control loop calls it, and must never wait: leave waiting to a "
+                "thread, or look again at the next tick"
+            )
+        return result
 
     def _fault(self, fault: str) -> Fault:
         if fault not in self.faults:
