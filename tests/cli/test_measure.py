@@ -14,7 +14,7 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.cli.formatting import FOOT, METRE
-from stadimeter.cli.measure_output import Printer, explanation, explanation_record, marks_of
+from stadimeter.cli.measure import Printer, explanation, explanation_record, marks_of
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate

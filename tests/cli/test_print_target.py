@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
-from stadimeter.cli.calibrate_board import board_from_options
+from stadimeter.cli.calibrate import board_from_options
 from stadimeter.cli.main import app
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.config.plugins import DETECTORS, load_driver

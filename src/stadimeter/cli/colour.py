@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, say_note, working
-from stadimeter.cli.measure_output import copy_paths
+from stadimeter.cli.measure import copy_paths
 from stadimeter.cli.target_options import LiveOption, camera_choice
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView

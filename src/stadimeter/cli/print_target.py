@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import msgspec
 import typer
 
-from stadimeter.cli.calibrate_board import board_from_options
+from stadimeter.cli.calibrate import board_from_options
 from stadimeter.cli.exits import ConfigArgument, configuration_path, plain_errors
 from stadimeter.cli.target_options import takes_options, targets_from_options
 from stadimeter.config.loader import load_configuration
