@@ -246,22 +246,6 @@ def test_an_answer_names_the_configuration_its_age_and_whether_the_file_has_chan
 
 
 @pytest.mark.long
-def test_the_status_says_when_the_site_was_certified_and_whether_the_configuration_changed_since(terminal):
-    terminal.start()
-    assert json.loads(terminal.type("status", "--json").stdout)["certificate"] is None
-    certificate = terminal.config.with_suffix(".certificate.json")
-    digest = json.loads(terminal.type("status", "--json").stdout)["instance"]["digest"]
-    certificate.write_text(json.dumps({"date": "2026-01-01 12:00", "about": {"configuration": digest[:16]}}))
-    told = json.loads(terminal.type("status", "--json").stdout)["certificate"]
-    assert (told["date"], told["is_unchanged"]) == ("2026-01-01 12:00", True)
-    certificate.write_text(json.dumps({"date": "2026-01-01 12:00", "about": {"configuration": "other"}}))
-    words = "certified on 2026-01-01 12:00; the configuration changed since: `stadimeter check` says whether"
-    assert words in terminal.type("status").stdout
-    certificate.write_text("{")
-    assert "cannot be read" in terminal.type("status").stdout
-
-
-@pytest.mark.long
 def test_no_other_instance_answers_for_one_that_was_killed(terminal):
     other = terminal.folder / "garage.toml"
     other.write_text(terminal.config.read_text())

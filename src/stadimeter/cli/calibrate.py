@@ -260,12 +260,6 @@ def _floor_lines(views: Mapping[str, CameraAboveFloor], view: CameraAboveFloor) 
 # Distances at which it is said how sure a target's distance will be.
 _SHOWN_M = (1.0, 3.0)
 
-# A farthest board that is less than this many times as far away as the nearest one hardly tells turn from place.
-_ONE_DISTANCE = 1.3
-
-# A distance at 3 m that is less sure than this share is nothing to rely on.
-_UNSURE_SHARE = 0.02
-
 
 @takes_options(
     square_error=Option(
@@ -355,27 +349,8 @@ def _stereo_lines(made: StereoCalibration) -> Iterator[str]:
     )
     sure = ", ".join(f"{straight_ahead_share(rig, away_m):.2%} at {away_m:g} m" for away_m in _SHOWN_M)
     yield f"distances straight ahead are sure to {sure}, besides the noise of the pictures"
-    for advice in _advice_stereo(made, used):
-        say_note(advice)
-
-
-def _advice_stereo(made: StereoCalibration, used: int) -> list[str]:
-    distances_m = [each.distance_m for each in made.pairs if not each.why_left_out]
-    nearest_m, farthest_m = min(distances_m), max(distances_m)
-    advice = []
     if used < VIEWS_ENOUGH:
-        advice.append(f"{used} pairs are few, and may fit by chance; take 10 to 20")
-    if farthest_m < _ONE_DISTANCE * nearest_m:
-        advice.append(
-            f"all boards were {nearest_m:.2f} to {farthest_m:.2f} m away; at one distance the turn of a camera looks "
-            "much like its place, so add pairs with the board farther away and nearer"
-        )
-    if straight_ahead_share(made.rig, _SHOWN_M[1]) > _UNSURE_SHARE:
-        advice.append(
-            "far away the distance will be unsure: put the cameras farther apart, or add pairs with the board tilted, "
-            "farther away, and in the corners of both pictures"
-        )
-    return advice
+        say_note(f"{used} pairs are few, and may fit by chance; take 10 to 20")
 
 
 _SIZE = re.compile(r"(\d{1,3})x(\d{1,3})")

@@ -13,10 +13,10 @@ from typing import Annotated, Any
 import typer
 
 from stadimeter.app.control.client import ANSWER_WAIT_S, Instance, ask, describe_reload, find, introduce
-from stadimeter.app.places import CERTIFICATE, running
+from stadimeter.app.places import running
 from stadimeter.cli.completion import complete_rule, completing
 from stadimeter.cli.exits import WRONG, configuration_path, plain_errors, read_option
-from stadimeter.config.files import CONFIGURATION_MAX_BYTES, JSON_MAX_BYTES, is_file, read_untrusted_text, sha256_of
+from stadimeter.config.files import CONFIGURATION_MAX_BYTES, read_untrusted_text, sha256_of
 from stadimeter.config.units import parse_duration
 from stadimeter.core.words import rounded_duration
 from stadimeter.errors import ConfigError, ControlError, DriverError, Problem, UnreadableError
@@ -302,8 +302,7 @@ def reload(config: ConfigOption = None, socket: SocketOption = None, as_json: Js
 def status(config: ConfigOption = None, socket: SocketOption = None, as_json: JsonOption = False) -> None:
     """Print the state of every rule of a running instance, and the reason.
 
-    The first line names its configuration, how long ago that was loaded, and whether the file has changed since. Of a
-    site that was certified it says when, and whether the configuration is the same since.
+    The first line names its configuration, how long ago that was loaded, and whether the file has changed since.
 
     **Example**
 
@@ -313,27 +312,7 @@ def status(config: ConfigOption = None, socket: SocketOption = None, as_json: Js
     """
     with plain_errors():
         data, who_answers = ask_and_introduce("status", {}, config, socket)
-    instance = data["instance"]
-    certificate = _certified(Path(instance["configuration"]), instance["digest"])
-    certified = (certificate["words"],) if certificate is not None else ()
-    words = "\n".join((who_answers, *certified, *_lines(data)))
-    print_answer({**data, "certificate": certificate}, words, as_json=as_json)
-
-
-def _certified(configuration: Path, digest: str) -> dict[str, Any] | None:
-    """Describe the certificate of a site for the SHA-256 of a run's configuration; None if there is none."""
-    file = configuration.with_suffix(CERTIFICATE)
-    if not is_file(file):
-        return None
-    try:
-        made = json.loads(read_untrusted_text(file, JSON_MAX_BYTES))
-        date, stamp = str(made["date"]), str(made["about"]["configuration"])
-    except (UnreadableError, ValueError, LookupError, TypeError) as error:
-        return {"date": "", "is_unchanged": False, "words": f"{file} cannot be read: {error}; delete it"}
-    is_unchanged = bool(stamp) and digest.startswith(stamp)
-    changed = "is the same since" if is_unchanged else "changed since: `stadimeter check` says whether it still counts"
-    words = f"certified on {date}; the configuration {changed}"
-    return {"date": date, "is_unchanged": is_unchanged, "words": words}
+    print_answer(data, "\n".join((who_answers, *_lines(data))), as_json=as_json)
 
 
 def _rule(rule: str | None, *, every: bool) -> str:
