@@ -32,7 +32,6 @@ from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError
 from stadimeter.testing.rig import eventually
 from stadimeter.workbench.replay import McapRecording, read_mcap, read_recording, replay_run
-from support import black_box_runs
 from support.observing import Rehearsal
 from support.simulated_run import SIMULATED_BALL
 
@@ -112,10 +111,18 @@ def test_an_alarm_is_in_a_clip_with_what_came_before_and_after_and_nothing_else_
     assert room.told == []
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(1000, 1006))
-def test_clips_hold_all_that_they_should_after_alarms_and_faults_and_replay_to_the_same_decisions(seed, tmp_path):
-    assert list(black_box_runs.try_seed(seed, tmp_path)) == []
+def test_a_camera_that_stands_still_is_in_a_clip_too(tmp_path):
+    room = Room(tmp_path, 'on = ["fault"]\nbefore = "1 s"\nafter = "2 s"')
+    text = room.path.read_text()
+    room.path.write_text(
+        text.replace("[world]", '[world]\nfaults = [{ at = "3 s", for = "1 s", kind = "freeze-camera" }]')
+    )
+    room.loop = Loop(build(load_configuration(room.path), speed=None))
+    (clip,) = room.run(8)
+    began_s, ended_s = span_of(clip)
+    assert began_s <= 2.2
+    assert ended_s >= 5
+    assert read_mcap(clip).clip_of["kind"] == "fault"
 
 
 @pytest.mark.long
