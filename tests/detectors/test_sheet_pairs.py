@@ -10,8 +10,6 @@ from stadimeter.core.frame import Frame
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.ranging.measure import measure
 from support.scenes.draw import CAMERA
-from support.scenes.render import render
-from support.scenes.taped import lit_tape, rough_sheet
 
 pytestmark = pytest.mark.vision
 
@@ -60,25 +58,3 @@ def test_a_known_side_that_seems_turned_away_has_a_wide_standard_deviation(draw,
     sure, unsure = (measure(each, shape, CAMERA, 0.0) for each in (facing, turned))
     assert unsure.sigma_m > 3 * sure.sigma_m
     assert abs(unsure.distance_m - 0.6) < 2 * unsure.sigma_m
-
-
-@pytest.mark.parametrize("seed", [1001, 1002, 1003])
-def test_lit_strips_side_by_side_are_measured_by_one_side(seed: int) -> None:
-    flat = lit_tape(seed)
-    options = {"width": f"{flat.width_m} m", "height": f"{flat.height_m} m", "known_side": "height"}
-    detector = SheetDetector("strip", SheetOptions.model_validate(options))
-    made = render(flat.scene)
-    seen = detector.detect(Frame(made.image, 0.0, 0), lens=CAMERA)
-    assert seen.status is DetectionStatus.FOUND, seen.reason
-    assert measure(seen, detector.target_shape, CAMERA, 0.0).distance_m == pytest.approx(made.truth.distance_m, rel=0.1)
-
-
-@pytest.mark.parametrize("seed", [700009, 700035, 700059])
-def test_a_sheet_cut_askew_is_not_taken_to_hang_the_other_way(seed: int) -> None:
-    flat = rough_sheet(seed)
-    made = render(flat.scene)
-    options = {"width": f"{flat.width_m} m", "height": f"{flat.height_m} m", "hsv": flat.hsv}
-    detector = SheetDetector("sheet", SheetOptions.model_validate(options))
-    detection = detector.detect(Frame(made.image, 0.0, 0), lens=CAMERA)
-    measured = measure(detection, detector.target_shape, CAMERA, 0.0)
-    assert measured.distance_m == pytest.approx(made.truth.distance_m, rel=0.05)

@@ -13,7 +13,6 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from stadimeter.core.camera_model import CameraModel
 from support.scenes import draw
 from support.scenes.backdrop import Backdrop, ClutterBackdrop, FloorBackdrop, Ground, PlainBackdrop
 from support.scenes.cut_sheet import CutSheetTarget, GroupTarget, HandCut
@@ -225,9 +224,9 @@ def placed_whole(
     longest_m: float,
     sizes_px: tuple[float, float],
     tilts_deg: tuple[float, float],
-    camera: CameraModel = draw.CAMERA,
 ) -> T:
     """Return a target of a size evenly spread over its logarithm, anywhere in the picture where it is whole."""
+    camera = draw.CAMERA
     for _ in range(draw.MOST_ATTEMPTS):
         size_px, tilt_deg = float(np.exp(rng.uniform(*np.log(sizes_px)))), float(rng.uniform(*tilts_deg))
         depth = camera.fx_px * longest_m / size_px
@@ -239,16 +238,17 @@ def placed_whole(
             roll_rad=float(rng.uniform(-draw.GREATEST_ROLL_RAD, draw.GREATEST_ROLL_RAD)),
         )
         target = made(pose)
-        if _is_whole(target, camera):
+        if _is_whole(target):
             return target
     raise ValueError(f"nothing of {sizes_px} px tilted by {tilts_deg} degrees fits the picture")
 
 
-def _is_whole(target: Target, camera: CameraModel) -> bool:
+def _is_whole(target: Target) -> bool:
     """Return whether a target is inside the picture, and no corner of it nearer than the least side to another."""
     points_m = target.extent_m()
     if (points_m[:, 2] <= 0).any():
         return False
+    camera = draw.CAMERA
     lens = Lens(camera=camera)
     places, corners = lens.project(points_m), lens.project(target.outline_m())
     last = np.array((camera.width_px, camera.height_px)) - 1 - draw.MARGIN_PX
