@@ -18,7 +18,7 @@ from stadimeter.messaging.mqtt_client import LinkEvents
 from stadimeter.messaging.protocol import RequestMessage
 from stadimeter.testing.rig import eventually
 from support.broker import HOST, MosquittoBroker
-from support.mqtt_asker import MqttAsker
+from support.mqtt_listener import MqttAsker
 
 MakeMessenger = Callable[..., PahoMessenger]
 ACTION = "request/reset"

@@ -28,8 +28,7 @@ from stadimeter.operator_actions import OperatorAction
 from stadimeter.testing.rig import eventually
 from stadimeter.workbench.replay import read_recording, replay_run
 from support.broker import MosquittoBroker
-from support.mqtt_asker import MqttAsker
-from support.mqtt_listener import MqttListener
+from support.mqtt_listener import MqttAsker, MqttListener
 from support.programs import needs
 from support.simulated_run import SIMULATED_BALL
 
@@ -199,9 +198,9 @@ def test_a_picture_comes_as_home_assistant_shows_it(start: Start) -> None:
     _, asker = start(commands="all")
     told = asker.ask("snapshot", quality=60)
     picture = asker.wait_for("stadimeter/it/snapshot")
-    assert (told["topic"], told["bytes"]) == ("snapshot", len(picture.payload))
+    assert (told["topic"], told["bytes"]) == ("snapshot", len(picture.data))
     assert not picture.is_retained
-    image = cv2.imdecode(np.frombuffer(picture.payload, np.uint8), cv2.IMREAD_COLOR)
+    image = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
     assert image.shape[2] == 3
     assert 'over MQTT a picture is "jpeg"' in asker.ask("snapshot", encoding="raw")
@@ -232,7 +231,7 @@ def test_whoever_asks_is_answered_where_they_listen(start: Start, broker: Mosqui
     for number, topic in enumerate(("$SYS/x", "stadimeter/it/event/alarm", "stadimeter/it", "")):
         asker.send("explain", json.dumps({"rule": "no", "transaction": number}), ResponseTopic=topic)
         assert "there is no rule 'no'" in asker.answer("explain", number)["error"]
-    assert all("there is no rule" not in each.payload.decode() for each in asker.heard if "event" in each.topic)
+    assert all("there is no rule" not in each.payload for each in asker.heard if "event" in each.topic)
 
 
 WRONG = {
@@ -261,7 +260,7 @@ WRONG = {
 def test_what_is_no_request_is_refused_with_a_reason_and_counted(start: Start) -> None:
     run, asker = start(protocol="5")
     for payload, words in WRONG.items():
-        asker.heard.clear()
+        asker.forget()
         asker.send("shelve", payload)
         assert words in json.loads(asker.wait_for("stadimeter/it/response/shelve").payload)["error"], payload
         eventually(lambda: asker.ask("status"))
@@ -279,7 +278,7 @@ def test_a_command_that_the_broker_keeps_is_never_done(
     early.send("shelve", '{"rule": "near"}', retain=True).wait_for_publish(120)
     run, asker = start(protocol=protocol, is_v5=protocol == "5", commands="all")
     if protocol == "5":
-        asker.heard.clear()
+        asker.forget()
         asker.send("take-out", '{"rule": "near"}', retain=True)
         assert "kept by the broker" in json.loads(asker.wait_for("stadimeter/it/response/take-out").payload)["error"]
     eventually(lambda: run.commands["refused"].get("retained") == 1)
@@ -328,7 +327,7 @@ def test_messages_of_any_kind_move_nothing_and_each_is_counted(
     assert "too_many" not in refused
     assert run.loop.troubles == []
     assert run.is_alive
-    asker.heard.clear()
+    asker.forget()
     assert isinstance(asker.ask("status"), dict)
     assert len(run.records) > before
     moved = [each for record in run.records[before + 2 :] for each in record.applied if each.level]
