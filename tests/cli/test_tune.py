@@ -11,7 +11,7 @@ from typer.testing import CliRunner, Result
 
 from stadimeter.cli.main import app
 from support.false_alarm import BY_S, CONFIGURATION, STAYED_S, record
-from support.noisy_journal import KnownNoise, write_noisy_journal
+from support.noisy_journal import write_noisy_journal
 from support.simulated_run import SIMULATED_BALL
 
 # The command ``tune``: marks, settings of one's own, and recordings alone.
@@ -63,7 +63,7 @@ def test_without_marks_delays_and_deadband_are_found_that_end_false_alarms(invok
         """Return where a target is that comes by for a moment every ten seconds, and once to stay."""
         return 0.8 if 40 < at_s < 50 or at_s % 10 < 0.3 else 1.2
 
-    fluttering = write_noisy_journal(tmp_path / "fluttering.jsonl", flutter, KnownNoise())
+    fluttering = write_noisy_journal(tmp_path / "fluttering.jsonl", flutter)
     as_it_is, *others = figures(invoked("near", fluttering))
     assert as_it_is["false"] >= 5
     assert others[0] == {"alarms": 1, "false": 0}, "the visit alone"

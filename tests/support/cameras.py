@@ -85,14 +85,9 @@ STREAM_PERIOD_S = 0.02
 
 
 class StreamServer:
-    """Sends JPEG pictures over HTTP, as network cameras do, until it is stopped.
+    """Sends JPEG pictures of noise over HTTP, as network cameras do, until it is stopped."""
 
-    Attributes:
-        shown: What it sends, with noise in a corner, as no camera sends the same picture twice; None for noise alone.
-    """
-
-    def __init__(self, port: int = 0, shown: Image | None = None) -> None:
-        self.shown = shown
+    def __init__(self, port: int = 0) -> None:
         self._is_stopped = threading.Event()
         owner = self
 
@@ -128,18 +123,10 @@ class StreamServer:
         number, due_s = 0, time.monotonic() + STREAM_PERIOD_S
         while not self._is_stopped.wait(max(0.0, due_s - time.monotonic())):
             due_s += STREAM_PERIOD_S
-            _, data = cv2.imencode(".jpg", self._picture(number))
+            _, data = cv2.imencode(".jpg", picture(number))
             head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n"
             request.wfile.write(head.encode() + data.tobytes() + b"\r\n")
             number += 1
-
-    def _picture(self, number: int) -> Image:
-        noise = picture(number)
-        if self.shown is None:
-            return noise
-        sent = self.shown.copy()
-        sent[-noise.shape[0] :, -noise.shape[1] :] = noise
-        return sent
 
     def stop(self) -> None:
         """Hang up, and answer no more. May be called again."""

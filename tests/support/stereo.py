@@ -42,7 +42,7 @@ def rotation_of(turn_rad: Points) -> Values:
     return np.eye(3) + math.sin(angle) * across + (1 - math.cos(angle)) * across @ across
 
 
-def true_rig(seed: int, baseline_m: float = BASELINE_M) -> StereoRig:
+def true_rig(seed: int) -> StereoRig:
     """Return two cameras of 600 px that are not quite parallel, and known exactly."""
     rng = np.random.default_rng((seed, 60))
     right = CameraModel.with_focal_length(600.0 * float(rng.normal(1, 0.005)), CAMERA.width_px, CAMERA.height_px)
@@ -52,7 +52,7 @@ def true_rig(seed: int, baseline_m: float = BASELINE_M) -> StereoRig:
         left=CAMERA,
         right=right,
         turn_rad=tuple(turn.tolist()),
-        place_m=tuple(np.add(off_m, (baseline_m, 0.0, 0.0)).tolist()),
+        place_m=tuple(np.add(off_m, (BASELINE_M, 0.0, 0.0)).tolist()),
         covariance=np.zeros((UNKNOWNS, UNKNOWNS)),
     )
 
@@ -67,25 +67,16 @@ def project(points_m: Points, camera: CameraModel) -> Points:
     return camera.project(points_m[:, :2] / points_m[:, 2:])
 
 
-def drawn_pairs(
-    rig: StereoRig,
-    seed: int,
-    count: int = PAIRS,
-    *,
-    noise_px: float = CORNER_NOISE_PX,
-    depths_m: tuple[float, float] = (0.35, 0.8),
-    tilt_rad: float = 0.6,
-    board_m: Points = BOARD_M,
-) -> list[PairView]:
+def drawn_pairs(rig: StereoRig, seed: int, *, board_m: Points = BOARD_M) -> list[PairView]:
     """Draw boards, bent by their z, that both cameras see whole, tilted to all sides, with noise on every corner."""
     rng = np.random.default_rng((seed, 61))
     rise = board_m[:, 2:] if board_m.shape[1] == 3 else np.zeros((len(board_m), 1))
     flat = np.hstack((board_m[:, :2] - board_m[:, :2].mean(axis=0), rise))
     made: list[PairView] = []
-    while len(made) < count:
-        depth_m = float(rng.uniform(*depths_m))
+    while len(made) < PAIRS:
+        depth_m = float(rng.uniform(0.35, 0.8))
         x, y = rig.left.direction(*rng.uniform((60, 60), (580, 420)))
-        turned = flat @ rotation_of(rng.uniform(-tilt_rad, tilt_rad, 3)).T
+        turned = flat @ rotation_of(rng.uniform(-0.6, 0.6, 3)).T
         points_m = turned + np.array((x * depth_m + rig.place_m[0] / 2, y * depth_m, depth_m))
         seen = [project(points_m, rig.left), project(in_right(points_m, rig), rig.right)]
         if all((each > 3).all() and (each < (636, 476)).all() for each in seen):
@@ -93,7 +84,7 @@ def drawn_pairs(
                 BoardView(
                     picture=f"{side}{len(made):02}.png",
                     board_m=BOARD_M,
-                    corners_px=corners_px + rng.normal(0, noise_px, corners_px.shape),
+                    corners_px=corners_px + rng.normal(0, CORNER_NOISE_PX, corners_px.shape),
                 )
                 for side, corners_px in zip(("left", "right"), seen, strict=True)
             )

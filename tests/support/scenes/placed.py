@@ -25,6 +25,10 @@ CLEAR_PX = 110
 MOST_FACING_AWAY_RAD = math.radians(50)
 
 
+RANGE_M = (1.0, 4.0)
+"""Between which distances the tags are on the whole; each is up to 15 % nearer or further."""
+
+
 class PlacedScene(Struct, frozen=True, kw_only=True, eq=False):
     """A picture of tags at known places.
 
@@ -43,21 +47,13 @@ class PlacedScene(Struct, frozen=True, kw_only=True, eq=False):
     distance_m: float
 
 
-def placed_scene(
-    seed: int,
-    tags: int = 4,
-    place_sigma_m: float = 0.0,
-    facing_sigma_rad: float = 0.0,
-    range_m: tuple[float, float] = (1.0, 4.0),
-) -> PlacedScene:
+def placed_scene(seed: int, place_sigma_m: float = 0.0, facing_sigma_rad: float = 0.0) -> PlacedScene:
     """Draw a camera and tags of 10 cm before it, one in each quarter of the picture, which all hang upright.
 
     Args:
         seed: The scene.
-        tags: How many, 4 at most.
         place_sigma_m: By how much each coordinate of a tag is off from what its configuration says.
         facing_sigma_rad: By how much its turn about each axis is.
-        range_m: Between which distances the tags are on the whole; each is up to 15 % nearer or further.
 
     Returns:
         The scene, with all that is known of it.
@@ -65,9 +61,9 @@ def placed_scene(
     rng = np.random.default_rng((seed, 90))
     yaw, tilt = rng.uniform(-math.pi, math.pi), rng.uniform(-0.25, 0.25)
     position, turn = rng.uniform((-5, -5, 0.2), (5, 5, 1.5)), _turn(yaw, tilt, rng.uniform(-0.05, 0.05))
-    distance = float(np.exp(rng.uniform(*np.log(range_m))))
+    distance = float(np.exp(rng.uniform(*np.log(RANGE_M))))
     targets, placed = [], []
-    for quarter in rng.permutation(4)[:tags]:
+    for quarter in rng.permutation(4):
         left, top = 640 * (quarter % 2), 480 * (quarter // 2)
         at_px = rng.uniform((left + CLEAR_PX, top + CLEAR_PX), (left + 640 - CLEAR_PX, top + 480 - CLEAR_PX))
         depth = distance * rng.uniform(0.85, 1.15)

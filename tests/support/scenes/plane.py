@@ -174,16 +174,12 @@ class TagTarget(Posed, Struct, frozen=True, kw_only=True):
         side_m: The side of its black square.
         family: One of `TAG_FAMILIES`.
         number: Which one of the family.
-        paper_bgr: The colour of its white.
-        ink_bgr: The colour of its black.
     """
 
     pose: Pose
     side_m: float
     family: str = "apriltag-36h11"
     number: int = 0
-    paper_bgr: Colour = PAPER_BGR
-    ink_bgr: Colour = INK_BGR
 
     def __post_init__(self) -> None:
         _check_size("tag", self.side_m)
@@ -218,7 +214,7 @@ class TagTarget(Posed, Struct, frozen=True, kw_only=True):
         cells = _cells(self.family, self.number)
         per_m = len(cells) / self.paper_side_m
         white = _looked_up(cells, x * per_m + len(cells) / 2, y * per_m + len(cells) / 2)[:, :, None]
-        paper, ink = decode_srgb(self.paper_bgr), decode_srgb(self.ink_bgr)
+        paper, ink = decode_srgb(PAPER_BGR), decode_srgb(INK_BGR)
         return Layer(cover, np.asarray(ink + white * (paper - ink), np.float32))
 
 
