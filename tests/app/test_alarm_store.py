@@ -1,21 +1,16 @@
 """The state file: what was written is read again, or put aside; never half of it, and never something else."""
 
 import math
-import os
 import random
-import signal
 import sqlite3
-import subprocess
-import sys
 from collections import Counter
-from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from stadimeter.app.persistence.alarm_store import AlarmStore, is_ours, moved_on
+from stadimeter.app.persistence.alarm_store import AlarmStore, moved_on
 from stadimeter.app.persistence.resumption import ClockReading, Memory
 from stadimeter.core.alarms.machine import AlarmRecord, AlarmState
 from stadimeter.core.alarms.state import Inhibits, Leg, Resumed, Timers
@@ -135,41 +130,6 @@ def test_rows_become_whatever_queues_became(steps):
             assert [row for _, row in sorted(rows.items()) if row[0] == name] == [
                 row for row in queued if row[0] == name
             ]
-
-
-def test_only_what_changed_is_written(path, store):
-    store.write(remembered(NEAR, FAR))
-    statements = []
-    store._database.set_trace_callback(statements.append)
-    store.write(remembered(NEAR, replace(FAR, meaning="c" * 64)))
-    store.close()
-    assert len([each for each in statements if "VALUES ('alarm " in each]) == 1
-
-
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-
-sys.path.insert(0, sys.argv[2])
-from test_alarm_store import FAR, NEAR, AlarmStore, remembered
-
-store = AlarmStore(Path(sys.argv[1]))
-store.open()
-store.write(remembered(NEAR,))
-store.write(remembered(NEAR, FAR))
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-@pytest.mark.long
-def test_a_process_that_is_killed_leaves_what_it_wrote_last(path):
-    done = subprocess.run(
-        [sys.executable, "-c", KILLED, path, Path(__file__).parent], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == -signal.SIGKILL, done.stderr
-    memory, warning = read(path)
-    assert by_rule(memory.alarms) == by_rule([NEAR, FAR])
-    assert warning == ""
 
 
 @pytest.mark.long
@@ -343,11 +303,6 @@ def test_a_full_disk_leaves_the_file_as_it_was_and_a_later_write_succeeds(path, 
     assert by_rule(read(path)[0].alarms) == by_rule([FAR, NEAR])
 
 
-def test_a_place_that_cannot_be_written_is_told_plainly():
-    with pytest.raises(StateError, match="cannot be written"):
-        AlarmStore(Path("/proc/none/run.sqlite3")).open()
-
-
 def database_of_somebody(path):
     with sqlite3.connect(path) as database:
         database.execute("PRAGMA journal_mode = WAL")
@@ -364,26 +319,3 @@ def test_a_file_of_somebody_else_that_was_named_is_refused_and_stays_as_it_is(pa
         AlarmStore(path, is_named=True).open()
     assert path.read_bytes() == before
     assert list(path.parent.iterdir()) == [path]
-
-
-NO_FILES = {
-    "a folder": Path.mkdir,
-    "a pipe": os.mkfifo,
-    "a loop": lambda path: path.symlink_to(path.name),
-    "a device": lambda path: path.symlink_to("/dev/zero"),
-}
-
-
-@pytest.mark.parametrize("make", NO_FILES.values(), ids=NO_FILES)
-@pytest.mark.parametrize("is_named", [False, True])
-def test_what_can_be_no_state_file_is_refused_without_waiting_for_it(path, make, is_named):
-    path.parent.mkdir()
-    make(path)
-    with pytest.raises(StateError, match="cannot be used"):
-        AlarmStore(path, is_named=is_named).open()
-    assert list(path.parent.iterdir()) == [path]
-
-
-def test_a_file_is_known_as_ours_from_its_first_write_on(path, store):
-    store.write(remembered(NEAR))
-    assert is_ours(path)  # though all of it is still in the log

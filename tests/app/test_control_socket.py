@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import resource
 import socket
 import stat
 
@@ -105,14 +104,6 @@ def test_whoever_has_said_all_still_gets_the_answer(control, client):
     assert client.answer() is None
 
 
-def test_an_answer_to_somebody_who_is_gone_is_thrown_away(control, client, connect):
-    client.send({"op": "status"})
-    (asked,) = taken(control)
-    client.close()
-    asked.answer(Reply([]))
-    assert connect(control).ask({"op": "hello"})["status"] == "ok"
-
-
 @each_case(
     ("line", "expected"),
     [
@@ -142,12 +133,6 @@ def test_a_line_of_a_megabyte_ends_its_connection_and_no_other(control, client, 
     assert other.ask({"op": "hello"})["status"] == "ok"
 
 
-def test_two_hundred_idle_connections_lock_nobody_out(control, connect):
-    others = [connect(control) for _ in range(200)]
-    assert connect(control).ask({"op": "hello"})["status"] == "ok"
-    assert is_heard(others[0])
-
-
 def test_more_requests_than_may_wait_are_refused_and_the_others_stay(control, connect):
     while len(control._asked) < WAITING_MAX:
         before = len(control._asked)
@@ -156,24 +141,6 @@ def test_more_requests_than_may_wait_are_refused_and_the_others_stay(control, co
     refused = connect(control).ask({"op": "status"})
     assert refused["error"] == f"{WAITING_MAX} requests wait already; try again later"
     assert len(taken(control, WAITING_MAX)) == WAITING_MAX
-
-
-def test_whoever_never_reads_holds_nobody_up(control, client, connect):
-    client.send({"op": "status"})
-    (asked,) = taken(control)
-    asked.answer(Reply("a" * 3_000_000))
-    for _ in range(10):
-        assert is_heard(connect(control))
-
-
-def test_text_that_utf_8_cannot_hold_comes_back_and_ends_nothing(control, client, connect):
-    answer = client.ask(b'{"transaction": "\\ud800", "op": "fly"}\n')
-    assert answer["transaction"] == "\ud800"
-    client.send(b'{"transaction": 1, "op": "status"}\n')
-    (asked,) = taken(control)
-    asked.answer(Reply(error="\udcff"))
-    assert client.answer()["error"] == "\udcff"
-    assert is_heard(connect(control))
 
 
 def test_an_answer_that_cannot_be_put_into_words_costs_its_connection_at_most(control, client, connect):
@@ -188,22 +155,6 @@ def test_an_answer_that_cannot_be_put_into_words_costs_its_connection_at_most(co
     (asked,) = taken(control)
     asked.answer(Reply(object()))
     assert client.answer() is None
-    assert is_heard(connect(control))
-
-
-def test_a_process_without_file_descriptors_answers_again_when_there_are_some(control, client, connect):
-    assert is_heard(client)
-    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
-    later = [socket.socket(socket.AF_UNIX) for _ in range(3)]
-    resource.setrlimit(resource.RLIMIT_NOFILE, (max(each.fileno() for each in later) + 1, limits[1]))
-    try:
-        for each in later:
-            each.connect(str(control.path))
-        assert is_heard(client)
-    finally:
-        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
-        for each in later:
-            each.close()
     assert is_heard(connect(control))
 
 

@@ -142,25 +142,6 @@ def test_an_older_journal_is_kept_under_another_name_from_the_first_cycle_on(tmp
     assert (tmp_path / "run-1.jsonl").read_bytes() == old
 
 
-def test_a_name_that_is_taken_is_never_taken_again(tmp_path):
-    (tmp_path / "run-1.jsonl").write_text("mine\n")
-    (tmp_path / "run-2.jsonl").symlink_to(tmp_path / "nowhere")
-    written(tmp_path / "run.jsonl")
-    assert written(tmp_path / "run.jsonl").older_file().endswith("run-3.jsonl")
-    assert (tmp_path / "run-1.jsonl").read_text() == "mine\n"
-    assert not (tmp_path / "nowhere").exists()
-
-
-def test_what_a_link_leads_to_is_kept_beside_it_and_the_link_stays(tmp_path):
-    (tmp_path / "disk").mkdir()
-    path = tmp_path / "run.jsonl"
-    path.symlink_to(tmp_path / "disk" / "night.jsonl")
-    written(path)
-    written(path)
-    assert path.is_symlink()
-    assert names(tmp_path / "disk") == ["night-1.jsonl", "night.jsonl"]
-
-
 def test_two_runs_with_one_name_lose_nothing(tmp_path):
     """The second takes the name, and the first goes on in the file that was renamed under it."""
     path = tmp_path / "run.jsonl"
@@ -182,12 +163,6 @@ def test_only_the_user_can_read_a_new_journal_and_an_older_one_keeps_its_mode(tm
     written(path)
     assert path.stat().st_mode & 0o777 == 0o600
     assert (tmp_path / "run-1.jsonl").stat().st_mode & 0o777 == 0o644
-
-
-def test_a_pipe_is_no_journal_and_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(JournalError, match="holds something else than a journal"):
-        JournalWriter(tmp_path / "pipe", RecordedConfiguration(text=""))
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write in every folder")

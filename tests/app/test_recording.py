@@ -244,21 +244,6 @@ def test_a_recording_that_was_not_finished_loses_no_more_than_its_last_second(tm
     assert 35 <= len(list(records_of(read))) <= 45
 
 
-@settings(max_examples=60)
-@given(share=st.floats(0, 1, exclude_max=True), flip=st.integers(1, 255))
-def test_a_flipped_byte_is_one_clear_error_or_harms_nothing(tmp_path_factory, whole, share, flip):
-    path = tmp_path_factory.mktemp("recording") / "run.mcap"
-    damaged = bytearray(whole)
-    damaged[int(share * len(damaged))] ^= flip
-    path.write_bytes(damaged)
-    with refusing(path):
-        read = read_recording(path)
-        for cycle, image in read.cycles_and_images() if hasattr(read, "cycles_and_images") else ():
-            cycle.observation()
-            if image is not None:
-                image.decode()
-
-
 def test_an_mcap_file_of_another_program_is_refused_and_not_overwritten(tmp_path):
     path = tmp_path / "robot.mcap"
     with path.open("wb") as file:

@@ -59,16 +59,6 @@ def test_an_alarm_goes_on_in_the_next_run(tmp_path):
     assert second == []
 
 
-def test_a_file_that_cannot_be_used_is_told_and_the_run_goes_on(tmp_path):
-    loop = remembering(loop_of(tmp_path, NEAR), tmp_path / "run.sqlite3" / "below")
-    (tmp_path / "run.sqlite3").touch()
-    told = []
-    loop.services.tell = told.append
-    assert events_of(loop, seconds=1)[0] == [("near", "raised")]
-    assert told[0].startswith("warning: ")
-    assert "cannot be used" in told[0]
-
-
 def clock(hour, *, is_right=True):
     now = datetime(2026, 11, 21, hour, 0, tzinfo=UTC)
     return TimeOfDay(is_live=False, now=lambda: now, is_right=lambda: is_right)

@@ -8,7 +8,6 @@ import os
 import random
 import shutil
 import signal
-import sqlite3
 import subprocess
 import time
 from contextlib import ExitStack
@@ -188,24 +187,3 @@ def test_a_full_disk_loses_no_alarm_of_a_run_that_goes_on(site):
     finally:
         subprocess.run(["umount", "-l", small], check=True)
     assert_in_order_per_rule(events_heard([site.listener]))
-
-
-def test_a_damaged_file_is_put_aside_and_the_alarms_from_then_on_arrive(site):
-    with site.running("first.jsonl", *state_of(site)) as process:
-        eventually(lambda: len(alarms(site.events("first.jsonl"))) > 4)
-        process.send_signal(signal.SIGTERM)
-        process.wait(120)
-    file = site.folder / "state.sqlite3"
-    with sqlite3.connect(file) as database:  # a busy machine may not have been in time to write it all into this file
-        database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-    database.close()
-    damaged = file.read_bytes().replace(b'"event_type', b'"evEnt_type')  # also in pages that are free
-    assert damaged != file.read_bytes()
-    file.write_bytes(damaged)
-    site.tunnel.mend()
-    with site.running("second.jsonl", *state_of(site)):
-        eventually(lambda: len(alarms(site.events("second.jsonl"))) > 4)
-        happened = site.events("second.jsonl")
-        eventually(lambda: not missing(happened, events_heard([site.listener])))
-    assert "is damaged" in (site.folder / "second.jsonl.txt").read_text()
-    assert [each.name for each in site.folder.glob("state.sqlite3.damaged-1")]
