@@ -128,20 +128,6 @@ def test_safe_outputs_gets_the_write() -> None:
     assert list(safe_lines(DriverChoice(name="base", driver="pca9685", options=options(board="jetbot")))) == []
 
 
-def test_a_chip_that_was_put_to_sleep_while_it_pulsed_does_not_resume(bench: Bench) -> None:
-    """A tool such as i2cset wrote SLEEP: the chip remembers its pulses, and RESTART would bring them back."""
-    bench.base.open()
-    bench.drive(0.3)
-    bench.bus.write(bytes([MODE1, SLEEP]))
-    bench.clock.advance_s(0.06)
-    with pytest.raises(LinkLostError, match="was reset"):
-        bench.drive(0.3)
-    bench.base.close()
-    bench.base.open()
-    bench.bus.write(bytes([MODE1, 0x80 | 0x20]))
-    assert bench.is_standing()
-
-
 def test_a_power_cut_is_noticed_and_it_stands_until_it_is_opened_again(bench: Bench) -> None:
     bench.base.open()
     bench.drive(0.3)

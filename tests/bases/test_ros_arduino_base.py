@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from stadimeter.bases.protocol import WheelSpeeds
 from stadimeter.bases.ros_arduino_base import FRAME_S, RosArduinoCodec, RosArduinoOptions
 from stadimeter.bases.serial_base import BaseMessage, Greeting, SerialBase, SerialLink
-from stadimeter.errors import CommandRangeError, DeviceClosedError, DeviceOpenError, LinkLostError, ProtocolError
+from stadimeter.errors import CommandRangeError, DeviceOpenError, LinkLostError, ProtocolError
 from stadimeter.simulation.emulated_base import EmulatedPort
 from stadimeter.simulation.firmware import RosArduinoFirmware
 from stadimeter.testing.rig import ManualClock
@@ -59,15 +59,6 @@ def test_options_make_up_for_crossed_wires(
     base.close()
 
 
-def test_when_the_host_dies_the_base_stops_by_itself_after_two_seconds(bench: BaseBench, base: SerialBase) -> None:
-    bench.drive(base, 0.3)
-    last_command_s = bench.clock.now_s() - 0.05
-    bench.clock.sleep_until_s(last_command_s + 1.99)
-    assert bench.wheels_mps == pytest.approx((0.3, 0.3), rel=0.02)
-    bench.clock.sleep_until_s(last_command_s + 2.7)
-    assert bench.stands
-
-
 def test_wheels_that_are_wired_otherwise_are_reported_as_they_roll(bench: BaseBench) -> None:
     base = bench.base(**OPTIONS, swap_sides=True, invert_left=True)
     base.open()
@@ -78,18 +69,6 @@ def test_wheels_that_are_wired_otherwise_are_reported_as_they_roll(bench: BaseBe
     assert report.left_m == pytest.approx(0.1, abs=0.02)
     assert report.right_m == pytest.approx(0.3, abs=0.05)
     base.close()
-
-
-def test_closing_an_unplugged_base_says_that_it_was_not_stopped_and_releases_it(
-    bench: BaseBench, base: SerialBase
-) -> None:
-    bench.world.faults.base_unplugged = True
-    bench.clock.advance_s(0.01)
-    with pytest.raises(LinkLostError):
-        base.close()
-    base.close()
-    with pytest.raises(DeviceClosedError):
-        bench.command(base, 0.0)
 
 
 def test_a_base_that_nothing_is_asked_of_may_be_silent(bench: BaseBench, base: SerialBase) -> None:
@@ -174,18 +153,6 @@ def fill(path: str) -> None:
             refusals += 1
             time.sleep(0.01)
     os.close(descriptor)
-
-
-def test_a_stop_behind_half_a_frame_is_not_read_as_part_of_it(bench: BaseBench, base: SerialBase) -> None:
-    flood(bench, base)
-    bench.clock.advance_s(0.5)
-    bench.firmware.receive(b"m 50", bench.clock.now_s())  # what the port took of the last frame
-    base.stop()
-    bench.pass_time(base, 0.05)  # sooner than a stop is repeated
-    assert bench.firmware.left.driven_mps == 0.0
-    bench.pass_time(base, 1.0)
-    bench.drive(base, 0.3)
-    assert bench.wheels_mps == pytest.approx((0.3, 0.3), rel=0.02)
 
 
 def test_a_stop_comes_before_the_commands_that_a_full_port_still_held(bench: BaseBench, base: SerialBase) -> None:
@@ -386,13 +353,3 @@ def test_silence_is_an_error_after_the_time_to_boot(greet: Greet) -> None:
     with pytest.raises(DeviceOpenError, match="nothing answers in 3 s"):
         greeting.run(boot_wait_s=3.0)
     assert 3.0 <= greeting.clock.now_s() < 3.5
-
-
-@pytest.mark.parametrize("every_s", [0.1, 0.3])
-def test_something_that_sends_numbers_for_ever_is_no_base(greet: Greet, every_s: float) -> None:
-    board = RosArduinoFirmware()
-    board.silent = True
-    greeting = greet(board)
-    greeting.repeat(b"512\r\n", every_s=every_s)
-    with pytest.raises(DeviceOpenError, match="does not acknowledge"):
-        greeting.run()
