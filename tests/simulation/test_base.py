@@ -9,13 +9,11 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
 from stadimeter.config.plugins import ACTUATORS, BASES, MESSENGERS, DriverContext
 from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.core.message import Message
 from stadimeter.errors import ConfigError
-from stadimeter.simulation.devices import SimulatedBaseOptions
 from stadimeter.simulation.emulated_base import EmulatedPort
 from stadimeter.simulation.firmware import EmulatedRosArduinoOptions, RosArduinoFirmware
 from stadimeter.testing.rig import ManualClock
@@ -53,12 +51,6 @@ def test_it_stops_by_itself_when_nothing_comes(run) -> None:
     run.clock.advance_s(10.0)
     assert run.world.robot.pose.x_m == pytest.approx(0.1)
     assert run.world.robot.wheels_mps == (0.0, 0.0)
-
-
-@pytest.mark.parametrize("options", [{"max_wheel_speed": "0 m/s"}, {"auto_stop": "-1 s"}, {"port": "/dev/ttyUSB0"}])
-def test_a_wrong_option_is_refused(options) -> None:
-    with pytest.raises(ValidationError):
-        SimulatedBaseOptions.model_validate(options)
 
 
 # The emulated firmwares of bases: what they do with bytes, and the traps of the real ones.

@@ -8,14 +8,13 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from stadimeter.config.plugins import CAMERAS, DETECTORS
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import CaptureTimeoutError
-from stadimeter.simulation.camera import Renderer, SimulatedCameraOptions, paint_ball, silhouette
+from stadimeter.simulation.camera import Renderer, paint_ball, silhouette
 from support.each_case import each_case
 
 pytestmark = pytest.mark.vision
@@ -102,12 +101,6 @@ def test_frames_that_nobody_read_in_time_are_passed_over(small) -> None:
     assert late.captured_at_s == pytest.approx(101.2)
     assert late.sequence == 11
     assert small.clock.now_s() == pytest.approx(101.2)
-
-
-@pytest.mark.parametrize("options", [{"rate": "0 Hz"}, {"rate": "30"}, {"noise": -1}, {"noise": "nan"}, {"fps": 30}])
-def test_a_wrong_option_is_refused(options) -> None:
-    with pytest.raises(ValidationError):
-        SimulatedCameraOptions.model_validate(options)
 
 
 LENS = CameraModel.with_focal_length(600.0, 640, 480)

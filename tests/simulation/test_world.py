@@ -52,18 +52,6 @@ def test_a_turn_to_the_left_moves_the_ball_to_the_right(make_run) -> None:
     assert (x, z) == pytest.approx((2 * math.sin(0.3), 2 * math.cos(0.3)))
 
 
-def test_the_past_is_answered_as_it_was(make_run) -> None:
-    run = make_run()
-    run.world.robot.drive_wheels(0.2, 0.3)
-    run.clock.advance_s(1.0)
-    then_s, then = run.world.now_s, run.world.target_in_camera()
-    run.clock.advance_s(0.5)
-    run.world.robot.drive_wheels(0.0, 0.0)
-    run.clock.advance_s(1.0)
-    assert run.world.target_in_camera(then_s) == pytest.approx(then)
-    assert run.world.target_in_camera() != pytest.approx(then)
-
-
 @given(x=coordinates, y=coordinates, robot_x=coordinates, robot_y=coordinates, heading=headings)
 def test_turning_and_moving_everything_changes_no_distance(
     x: float, y: float, robot_x: float, robot_y: float, heading: float
@@ -225,20 +213,6 @@ def test_a_scheduled_fault_begins_and_ends_in_time(kind: FaultKind) -> None:
         states[now_s] = getattr(faults, KNOBS[kind])
         assert sum(getattr(faults, knob) for knob in KNOBS.values()) == states[now_s], "another knob was turned"
     assert states == {111.9: False, 112.0: True, 113.9: True, 114.0: False}
-
-
-def test_overlapping_faults_of_one_kind_are_one() -> None:
-    planned = [
-        fault("hide-target", "1 s", "4 s"),
-        fault("hide-target", "2 s", "1 s"),
-        fault("hide-target", "4 s", "3 s"),
-    ]
-    faults, schedule = Faults(), FaultSchedule(planned, start_s=0.0)
-    hidden = []
-    for now_s in range(9):
-        schedule.turn(faults, float(now_s))
-        hidden.append(faults.target_hidden)
-    assert hidden == [False, True, True, True, True, True, True, False, False]
 
 
 def test_a_knob_turned_by_hand_stays_until_its_next_scheduled_time() -> None:
