@@ -53,18 +53,6 @@ def test_every_part_runs_and_has_all_figures_of_its_goals(tmp_path) -> None:
     assert [what for what in missing if not what.startswith(LEFT_OUT)] == []
 
 
-def test_a_chart_is_drawn_the_same_byte_for_byte(tmp_path) -> None:
-    pytest.importorskip("matplotlib")
-    from part import Chart
-    from plots import draw_chart
-
-    series = {"stadimeter, median": [0.1, math.nan], "tutorial, median": [3.0, 4.0]}
-    chart = Chart(name="errors", title="Errors", axis="%", rows=["one", "two"], series=series)
-    first = draw_chart(chart, tmp_path).read_bytes()
-    assert first == draw_chart(chart, tmp_path).read_bytes()
-    assert b"two" in first
-
-
 def test_errors_bias_and_misses_are_summed_up() -> None:
     from samples import summarise
 
@@ -86,15 +74,6 @@ def test_an_interval_holds_the_truth_up_to_1_96_sigmas() -> None:
     assert summarise([inside, outside, sample(None)], 0.3).coverage == 0.5
 
 
-def test_a_method_without_answers_has_no_figures_but_a_count() -> None:
-    from samples import summarise
-
-    summary = summarise([sample(None), sample(None)], 0.3)
-    assert (summary.count, summary.found, summary.gross) == (2, 0.0, 0.0)
-    assert math.isnan(summary.median)
-    assert math.isnan(summary.coverage)
-
-
 @pytest.mark.parametrize(
     ("facts", "ending"),
     [
@@ -108,23 +87,6 @@ def test_a_goal_is_met_missed_or_not_measured(facts, ending) -> None:
 
     line = next(line for line in goals_table(facts).splitlines() if "radius 5–10 px" in line)
     assert line.endswith(ending)
-
-
-def test_a_goal_of_several_figures_is_met_only_if_each_is() -> None:
-    from goals import goals_table
-
-    facts = {f"ball stadimeter {height} speed-up": value for height, value in ((480, 12), (720, 9), (1080, 30))}
-    line = next(line for line in goals_table(facts).splitlines() if "at 640 / 720 / 1080" in line)
-    assert line.endswith("| 12.0 × / 9.0 × / 30.0 × | **no** |")
-
-
-def test_the_goals_for_intervals_name_the_troubles_that_miss_them() -> None:
-    from goals import goals_table
-
-    facts = {"ball coverage": 0.95, "ball clean coverage": 0.95, "ball blur 15 coverage": 0.84}
-    overall, each = goals_table(facts).splitlines()[-2:]
-    assert overall.endswith("| ball 95.0 % | yes |")
-    assert each.endswith("| 84–95 %; outside: ball blur 15 | **no** |")
 
 
 def test_the_tutorials_measure_what_is_plain_to_see() -> None:
@@ -157,30 +119,6 @@ def test_the_libraries_for_tags_read_the_right_tag_and_its_range() -> None:
 def test_seeds_for_tuning_are_none_of_the_reports() -> None:
     assert not set(draw.TUNING_SEEDS) & {draw.REPORT_SEEDS.start, draw.REPORT_SEEDS.stop - 1}
     assert draw.TUNING_SEEDS.stop <= draw.REPORT_SEEDS.start
-
-
-def test_a_part_takes_its_place_in_the_report_with_its_goals_and_its_commit(tmp_path) -> None:
-    from part import Part
-    from report import replace_parts, write_report
-
-    empty = {"alarms stadimeter ball clutter": 0.001}
-    before = [
-        Part(title="Sheet", text="| sheets | 60 |\n", facts={"sheet clutter found": 0.8}),
-        Part(title="False alarms", text="| rooms | 5 |\n", facts=empty),
-    ]
-    report = write_report(before, tmp_path, 60.0, plots=False)
-    old = report.read_text(encoding="utf-8")
-    sheets = Part(title="Sheet", text="| sheets | 200 |\n", facts={"sheet clutter found": 0.96})
-    replace_parts([sheets], tmp_path, plots=False)
-    new = report.read_text(encoding="utf-8")
-    changed = [(was, now) for was, now in zip(old.splitlines(), new.splitlines(), strict=True) if was != now]
-    assert [now.split(" | ")[-2:] for _, now in changed] == [["96.00 %", "yes |"], ["| sheets", "200 |"]]
-    assert new.count("Measured at commit ") == 2
-    replace_parts([Part(title="Speed", text="| fast |\n")], tmp_path, plots=False)
-    grown = report.read_text(encoding="utf-8")
-    assert grown.startswith(new)
-    assert grown.endswith("| fast |\n")
-    assert grown.count("Measured at commit ") == 3
 
 
 def test_a_strip_is_compared_with_its_own_distance_and_the_twin_with_the_twin_s() -> None:
