@@ -217,24 +217,6 @@ def test_after_a_week_only_what_is_about_safety_is_still_sent(tmp_path, severity
     assert run.loop.deliveries.given_up() == ({} if is_sent else {MESSENGER: 1})
 
 
-def test_what_waits_for_days_over_several_runs_grows_as_old_as_it_is(tmp_path):
-    """Of four runs, each of which begins 3 days after the one before: the last gives up what the first has left."""
-    left = {}
-    for day in (0, 3, 6, 9):
-        run = Run(tmp_path, is_gone=True, keeps=False)
-        clocks = partial(moment, f"boot {day}", unix_s=partial(float, day * DAY_S), is_right=lambda: True)
-        run.loop.services.memory = StateWriter(AlarmStore(tmp_path / "run.sqlite3"), clocks, run.loop.deliveries)
-        run.for_s(6 if day == 0 else 0.5)
-        left[day] = {
-            json.loads(item.payload)["id"]
-            for name, item in run.loop.deliveries.undelivered()
-            if "{" in getattr(item, "payload", "")
-        }
-    assert left[0] < left[3] < left[6]
-    assert not left[0] & left[9]
-    assert left[3] - left[0] <= left[9]
-
-
 @pytest.mark.parametrize("message", [RAISED, Message(topic="#", payload="", qos=1)])
 def test_what_cannot_be_sent_again_is_given_up_and_counted(tmp_path, message):
     deliveries = Deliveries(Run(tmp_path, is_gone=False).loop.parts)

@@ -4,7 +4,6 @@ import json
 import math
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import cv2
@@ -15,7 +14,7 @@ from msgspec.structs import replace
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.app.live.health import Board, BoardState, LiveHealth
-from stadimeter.app.live.history import WINDOW_S, RunHistory, Seen, program_age_s
+from stadimeter.app.live.history import RunHistory, Seen
 from stadimeter.app.live.pictures import SHOWN_MAX_PX, Pictures, drawn
 from stadimeter.app.live.snapshot import LiveFeed, outline_of, shared_data
 from stadimeter.app.loop import Limits, Loop
@@ -139,27 +138,6 @@ def test_the_outline_of_a_sheet_is_its_corners_in_order_and_that_of_a_ball_goes_
     assert (np.diff(np.arctan2(around[:, 1] - 50, around[:, 0] - 50)) > 0).all()
 
 
-def test_distances_are_whole_whenever_another_thread_looks():
-    history, ended = RunHistory(), threading.Event()
-
-    def add():
-        number = 0
-        while not ended.is_set():
-            history.add(cycle_record(float(number), tracks=(tracked(distance_m=float(number)),)))
-            number += 1
-
-    thread = threading.Thread(target=add)
-    thread.start()
-    try:
-        for _ in range(2000):
-            seen = history.samples_after(-1.0).get("ball", ())
-            assert all(sample.at_s == sample.distance_m for sample in seen[:3])
-            assert len(seen) <= WINDOW_S + 2
-    finally:
-        ended.set()
-        thread.join()
-
-
 def a_frame(width_px=640, height_px=480):
     return Frame(image=np.full((height_px, width_px, 3), 90, np.uint8), captured_at_s=1.0, sequence=3)
 
@@ -274,11 +252,6 @@ def test_a_run_that_falls_behind_its_speed_is_not_well_whatever_rate_its_own_clo
 
 
 DEMO = Path(__file__).parents[2] / "config" / "demo.toml"
-
-
-def test_the_age_of_a_program_is_from_its_start_and_grows():
-    earlier = program_age_s()
-    assert 0 < earlier <= program_age_s()
 
 
 @pytest.mark.long

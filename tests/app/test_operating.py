@@ -153,24 +153,6 @@ class TestRecording:
         assert begun.error == ""
         assert second.error == "a recording is under way already; end it first"
 
-    def test_one_that_is_only_just_beginning_is_not_ended_and_the_answer_says_so(self, room, goes_on):
-        def listen(record, _frame):
-            room.records.append(record)
-            do = {40: "start", 42: "stop"}.get(len(room.records))
-            if do:
-                request = parse_request(json.dumps({"op": "record", "args": {"do": do}}).encode())
-                room.waiting.append(Asked(request, room.answers.append))
-            if len(room.records) == 44:
-                goes_on.set()
-                assert eventually(lambda: not room.loop.services.recording._is_beginning)
-
-        with attend_to_requests(room.loop, [room.take]):
-            room.loop.listeners.append(listen)
-            room.loop.run(Limits(frames=150))
-        early, begun = room.answers
-        assert early.error == "the recording is only just beginning; end it when it has begun"
-        assert replayed(room.path.parent / "recordings" / begun.data["file"]) > 90
-
     def test_one_before_which_the_configuration_is_reloaded_replays_to_the_same_decisions(self, room, goes_on):
         def reload_meanwhile(record, _frame):
             requests = {20: '{"op": "record", "args": {"do": "start"}}', 22: '{"op": "reload"}'}

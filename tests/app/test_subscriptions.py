@@ -222,25 +222,3 @@ def test_more_subscriptions_than_a_run_serves_are_refused_in_words_and_the_conne
     assert refused.answer()["error"] == "16 subscriptions are the most that a run serves; end one first"
     refused.socket.sendall(b'{"op": "hello"}\n')
     assert refused.answer()["status"] == "ok"
-
-
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        ({"rate_hz": 11}, "args.rate_hz: input should be less than or equal to 10"),
-        ({"rate_hz": 0}, "args.rate_hz: input should be greater than 0"),
-        ({"image": "moving"}, "args.image: input should be 'none', 'plain' or 'drawn'"),
-        ({"quality": 100}, "args.quality: input should be less than or equal to 95"),
-    ],
-)
-def test_what_cannot_be_subscribed_to_is_said(watched, args, words):
-    assert watched.connect(**args).answer()["error"] == words
-
-
-def test_closing_ends_a_subscription(watched):
-    watched.cycle()
-    client = watched.connect()
-    client.answer()
-    watched.control.close()
-    while client.answer() is not None:
-        pass

@@ -3,7 +3,6 @@
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.app.persistence.resumption import read_state, state_text
 from stadimeter.core.command import TwistCommand
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.schedule import ScheduleCondition
@@ -11,7 +10,6 @@ from stadimeter.core.conditions.sight import PresenceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import EventKind, RuleStatus, Severity
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
-from stadimeter.core.persistence import reload, restore_alarms, snapshot_alarms
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule, RampRule, Send, Template
 from stadimeter.core.rules.explaining import explain
@@ -208,24 +206,6 @@ def test_a_threshold_of_a_gate_is_moved_like_one_of_an_alarm():
     decision = run.see(1.5, tag_m=1.5, times=2)
     assert level(decision) > 0.4
     assert "`below` is 2.00 m" in explain(decision, "beep").sentence
-
-
-def test_shelving_outlasts_a_restart_a_reload_and_a_recording():
-    run = Run(RAMP)
-    run.see(1.5, wall=NIGHT, command=run.order("shelve", "beep", for_s=60.0), times=3)
-    begun = initial_state(run.plan)
-    again = restore_alarms(
-        begun, snapshot_alarms(run.state), shift_s=100.0, from_s=run.now_s + 100, now_s=run.now_s + 100
-    )
-    recorded = read_state(state_text(run.state), begun)
-    reloaded = reload(
-        run.state, replace(run.plan, rules=(*run.plan.rules, replace(RAMP, name="other", output=None)))
-    ).state
-    for state, later_s in ((again, 100.0), (recorded, 0.0), (reloaded, 0.0)):
-        run.state, run.now_s = state, run.now_s + later_s
-        decision = run.see(1.5, wall=NIGHT, times=3)
-        assert (level(decision), status(decision, "beep").inhibits) == (0.0, ("shelved",))
-        run.now_s -= later_s
 
 
 STEPS = (

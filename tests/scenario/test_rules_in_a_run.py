@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import cv2
-import numpy as np
 import pytest
 from msgspec.structs import replace
 from typer.testing import CliRunner
@@ -133,46 +131,7 @@ def test_a_sensor_that_contradicts_the_camera_is_an_event_and_changes_no_distanc
     assert run.records[-1].decision.tracks[0].distance_m == pytest.approx(run.world.distance_m(), abs=0.05)
 
 
-# A tag that moves and then jumps: looking first where it is expected loses no frame.
-
 FRAMES, JUMP_AT = 36, 24
-
-TAG_CONFIGURATION = """
-[camera]
-driver = "images"
-paths = "{folder}"
-rate = "30 Hz"
-[camera.model]
-width_px = 640
-height_px = 480
-fx_px = 600.0
-[targets.tag]
-detector = "tag"
-side = "10 cm"
-"""
-
-
-def drawn(number: int) -> np.ndarray:
-    """Draw a tag that moves along a bow, and from one frame on somewhere else."""
-    marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), 7, 320)
-    paper = cv2.copyMakeBorder(marker, 60, 60, 60, 60, cv2.BORDER_CONSTANT, value=235)
-    x = 180 + 5.0 * number if number < JUMP_AT else 470.0
-    y = 260 + 40 * math.sin(number / 6) if number < JUMP_AT else 120.0
-    turn = cv2.getRotationMatrix2D((219.5, 219.5), 3.0 * number, 0.25)
-    turn[:, 2] += (x - 219.5, y - 219.5)
-    image = cv2.warpAffine(cv2.GaussianBlur(paper, (0, 0), 1.6), turn, (640, 480), borderValue=90)
-    noise = np.random.default_rng(number).normal(0, 2, image.shape)
-    return cv2.cvtColor(np.clip(image + noise, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
-
-
-@pytest.fixture(scope="module")
-def configuration(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("tags")
-    for number in range(FRAMES):
-        cv2.imwrite(str(folder / f"{number:03}.png"), drawn(number))
-    path = tmp_path_factory.mktemp("configuration") / "run.toml"
-    path.write_text(TAG_CONFIGURATION.format(folder=folder), encoding="utf-8")
-    return path
 
 
 # Several balls in a whole run: each keeps its name, and rules see the nearest, any, all, and how many there are.

@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from stadimeter.errors import PageError
-from stadimeter.web.passwords import ADDRESSES_MAX, FORGOTTEN_S, FREE, MAX_WAIT_S, SCRYPT, Attempts, PasswordFile
+from stadimeter.web.passwords import ADDRESSES_MAX, FORGOTTEN_S, FREE, MAX_WAIT_S, Attempts, PasswordFile
 from stadimeter.web.routes import Right
 from support.page import OPERATE, READ, quicken
 
@@ -80,10 +80,6 @@ def test_a_file_that_is_none_lets_nobody_in(file, text):
     file.path.write_text(text)
     with pytest.raises(PageError, match="no password file"):
         file.passwords()
-
-
-def test_the_hash_costs_what_is_recommended():
-    assert SCRYPT["n"] * SCRYPT["r"] * SCRYPT["p"] >= 2**14 * 8 * 5
 
 
 def test_the_command_asks_twice_and_shows_nothing(tmp_path):

@@ -71,15 +71,6 @@ def test_a_refusal_is_in_the_words_of_the_run(places, tmp_path):
     assert (refused.value.status, refused.value.code) == (400, "refused")
 
 
-def test_what_is_nested_too_deeply_to_be_sent_is_refused(places, tmp_path):
-    deep = []
-    for _ in range(100_000):
-        deep = [deep]
-    link = RunLink(tmp_path / "room.toml", places / "other.sock")
-    with pytest.raises(PageError, match="nested too deeply"):
-        asyncio.run(link.ask("hello", {"deep": deep}))
-
-
 def test_a_loop_that_does_not_answer_is_not_waited_for(places, tmp_path):
     link = RunLink(tmp_path / "room.toml", places / "other.sock")
     with pytest.raises(PageError, match="does it hang"):

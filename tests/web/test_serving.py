@@ -10,7 +10,6 @@ import signal
 import socket
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -128,28 +127,6 @@ def test_it_ends_at_once_also_with_streams_that_are_open(tmp_path):
 
 
 @pytest.mark.long
-def test_it_ends_in_silence_while_the_workbench_hangs_and_a_download_is_slow(tmp_path, capfd):
-    with served(tmp_path, runs=False) as here:
-        folder = Path(asked(here, "GET", "/api/v1/recordings")[1]["folder"])
-        folder.mkdir(exist_ok=True)
-        with (folder / "long.mcap").open("wb") as file:
-            file.truncate(200_000_000)
-        (workbench,) = children(here.page.pid)
-        slow = asking(here, "/api/v1/recordings/long.mcap")
-        assert slow.getresponse().read(10) == bytes(10)
-        os.kill(workbench, signal.SIGSTOP)
-        hanging = asking(here, "/api/v1/configuration")
-        assert asked(here, "GET", "/api/v1/session")[0] == 200  # which came after it: the page has that one, too
-        here.page.send_signal(signal.SIGTERM)
-        assert hanging.getresponse().status == 500
-        assert here.page.wait(120) == 0
-        assert not is_running(workbench)
-        slow.close()
-        hanging.close()
-    assert capfd.readouterr().err == ""
-
-
-@pytest.mark.long
 def test_the_workbench_ends_with_a_page_that_is_killed_and_frees_its_camera(tmp_path):
     with served(tmp_path, runs=False) as here:
         assert asked(here, "POST", "/api/v1/setup/begin", {"anew": True})[0] == 200
@@ -158,13 +135,6 @@ def test_the_workbench_ends_with_a_page_that_is_killed_and_frees_its_camera(tmp_
         here.page.kill()
         here.page.wait()
         assert eventually(lambda: not is_running(workbench))
-
-
-def asking(here, path):
-    """Begin to ask a page, and leave the answer unread."""
-    connection = http.client.HTTPConnection(here.url.removeprefix("http://"), timeout=60)
-    connection.request("GET", path)
-    return connection
 
 
 def asked(here, method, path, body=None):
@@ -179,7 +149,6 @@ def asked(here, method, path, body=None):
         connection.close()
 
 
-@pytest.mark.long
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("number", "ended"),
