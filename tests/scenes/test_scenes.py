@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.simulation.camera import silhouette
-from support.each_case import each_case
 from support.scenes.backdrop import ClutterBackdrop, PlainBackdrop
 from support.scenes.ball import BallSurface, BallTarget
 from support.scenes.cut_sheet import CutSheetTarget, HandCut
 from support.scenes.draw import CAMERA, tag_scene
-from support.scenes.hard_balls import BALLS
 from support.scenes.nuisances import BARREL
 from support.scenes.occluder import Occluder
-from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget
+from support.scenes.plane import DiscTarget, Pose, SheetTarget
 from support.scenes.render import render
 from support.scenes.scene import Scene
 from support.scenes.sensor import Blur, Sensor
@@ -222,34 +220,10 @@ def test_an_occluder_hides_its_share_of_the_target(share, from_rad) -> None:
     assert visible == pytest.approx(1 - share, abs=0.002)
 
 
-@each_case(
-    "wrong",
-    [
-        lambda: BallTarget(position_m=(0, 0, 0.05), diameter_m=0.2),
-        lambda: BallTarget(position_m=(0, 0, 1.0), diameter_m=float("nan")),
-        lambda: Pose(position_m=(0, 0, -1.0)),
-        lambda: Pose(position_m=(0, 0, 1.0), tilt_rad=1.6),
-        lambda: SheetTarget(pose=FACING, width_m=0.2, height_m=0.0),
-        lambda: DiscTarget(pose=FACING, diameter_m=float("inf")),
-        lambda: TagTarget(pose=FACING, side_m=0.1, number=587),
-        lambda: TagTarget(pose=FACING, side_m=0.1, family="apriltag-1h1"),
-        lambda: Occluder(share=1.0),
-        lambda: Blur(sigma_px=-1.0),
-        lambda: Sensor(jpeg_quality=0),
-        lambda: Sensor(noise=float("nan")),
-        lambda: Scene(camera=LENS, target=None, seed=1, finer=0),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused(wrong) -> None:
-    with pytest.raises(ValueError, match=r"\d|nan|inf"):
-        wrong()
-
-
 # Hard balls and flat things are drawn as they say.
 
 # Hard balls are drawn as they say: where they are, what is on them, and what cameras do to them.
 
-GREEN = BALLS["green"]
 HALF = 188
 """The code value of half the light of white."""
 

@@ -203,12 +203,6 @@ class BallTarget(Struct, frozen=True, kw_only=True):
     floor_bgr: Colour | None = None
     mirror: float = 0.0
 
-    def __post_init__(self) -> None:
-        if not 0 < self.diameter_m / 2 < self.position_m[2]:
-            raise ValueError(f"a ball of {self.diameter_m} m at {self.position_m} m is not in front of the camera")
-        if not (0 <= self.ambient <= 1 and self.specular >= 0 and any(self.light)):
-            raise ValueError(f"light {self.light}, ambient {self.ambient}, specular {self.specular} is no lighting")
-
     @property
     def tilt_rad(self) -> float:
         """A ball has no tilt."""

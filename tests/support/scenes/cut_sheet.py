@@ -79,10 +79,6 @@ class CutSheetTarget(Posed, Struct, frozen=True, kw_only=True):
     sheen: float = 0.0
     seed: int = 0
 
-    def __post_init__(self) -> None:
-        if not (0 < self.width_m < math.inf and 0 < self.height_m < math.inf):
-            raise ValueError(f"a sheet of {self.width_m} x {self.height_m} m cannot be drawn")
-
     def outline_m(self) -> Points:
         """Return the corners of the rectangle that was meant, in order around it."""
         half = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * self._half

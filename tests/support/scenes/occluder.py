@@ -30,10 +30,6 @@ class Occluder(Struct, frozen=True, kw_only=True):
     from_rad: float = 0.0
     bgr: Colour = (70, 74, 82)
 
-    def __post_init__(self) -> None:
-        if not 0 < self.share < 1:
-            raise ValueError(f"a board that hides {self.share} of the target is none; give a share between 0 and 1")
-
     def corners_px(self, outline_px: Points) -> Points:
         """Return its corners: its edge goes through the target, the rest reaches past it on the other three sides.
 

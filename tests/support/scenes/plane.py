@@ -50,10 +50,6 @@ class Pose(Struct, frozen=True, kw_only=True):
     tilt_towards_rad: float = 0.0
     roll_rad: float = 0.0
 
-    def __post_init__(self) -> None:
-        if not (self.position_m[2] > 0 and abs(self.tilt_rad) < math.pi / 2):
-            raise ValueError(f"a flat thing at {self.position_m} m, tilted {self.tilt_rad} rad, shows no front")
-
     def rotation(self) -> Floats:
         """Return the matrix whose columns are its own x, y and z axes in the camera frame."""
         towards = _turned(self.tilt_towards_rad)
@@ -108,9 +104,6 @@ class SheetTarget(Posed, Struct, frozen=True, kw_only=True):
     height_m: float
     bgr: Colour = PAPER_BGR
 
-    def __post_init__(self) -> None:
-        _check_size("sheet", self.width_m, self.height_m)
-
     def outline_m(self) -> Points:
         """Return its corners, in order around it."""
         return self.pose.placed(_rectangle(self.width_m, self.height_m))
@@ -142,9 +135,6 @@ class DiscTarget(Posed, Struct, frozen=True, kw_only=True):
     pose: Pose
     diameter_m: float
     bgr: Colour = PAPER_BGR
-
-    def __post_init__(self) -> None:
-        _check_size("disc", self.diameter_m)
 
     def outline_m(self) -> Points:
         """Return points on its rim."""
@@ -181,14 +171,6 @@ class TagTarget(Posed, Struct, frozen=True, kw_only=True):
     family: str = "apriltag-36h11"
     number: int = 0
 
-    def __post_init__(self) -> None:
-        _check_size("tag", self.side_m)
-        if self.family not in TAG_FAMILIES:
-            raise ValueError(f"family {self.family!r} is none of {', '.join(TAG_FAMILIES)}")
-        members = len(cv2.aruco.getPredefinedDictionary(TAG_FAMILIES[self.family]).bytesList)
-        if not 0 <= self.number < members:
-            raise ValueError(f"tag {self.number} is not in {self.family}, which has 0 to {members - 1}")
-
     @property
     def paper_side_m(self) -> float:
         """The side of the paper that it is printed on."""
@@ -216,11 +198,6 @@ class TagTarget(Posed, Struct, frozen=True, kw_only=True):
         white = _looked_up(cells, x * per_m + len(cells) / 2, y * per_m + len(cells) / 2)[:, :, None]
         paper, ink = decode_srgb(PAPER_BGR), decode_srgb(INK_BGR)
         return Layer(cover, np.asarray(ink + white * (paper - ink), np.float32))
-
-
-def _check_size(what: str, *sides_m: float) -> None:
-    if not all(0 < side < math.inf for side in sides_m):
-        raise ValueError(f"a {what} of {' x '.join(map(str, sides_m))} m cannot be drawn")
 
 
 @cache

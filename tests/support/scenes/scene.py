@@ -42,10 +42,6 @@ class Scene(Struct, frozen=True, kw_only=True):
     finer: int = 4
     others: tuple[Target, ...] = ()
 
-    def __post_init__(self) -> None:
-        if not 1 <= self.finer <= 16:
-            raise ValueError(f"{self.finer} samples along a pixel are not between 1 and 16")
-
 
 class Truth(Struct, frozen=True, kw_only=True, eq=False):
     """What is known about the target of a picture.

@@ -35,12 +35,6 @@ class Blur(Struct, frozen=True, kw_only=True):
     motion_px: float = 0.0
     direction_rad: float = 0.0
 
-    def __post_init__(self) -> None:
-        if not (0 <= self.sigma_px < 50 and 0 <= self.motion_px < 200):
-            raise ValueError(
-                f"a blur of {self.sigma_px} px and {self.motion_px} px of motion is too much or too little to draw"
-            )
-
     @property
     def reach_px(self) -> int:
         """How far light spreads, rounded up to whole pixels."""
@@ -120,12 +114,6 @@ class Sensor(Struct, frozen=True, kw_only=True):
     shot_noise: float = 0.0
     halved_colour: bool = False
     jpeg_quality: int | None = None
-
-    def __post_init__(self) -> None:
-        if not (self.noise >= 0 and self.shot_noise >= 0 and self.sharpening >= 0):
-            raise ValueError(f"noise {self.noise}, {self.shot_noise} or sharpening {self.sharpening} is below zero")
-        if self.jpeg_quality is not None and not 1 <= self.jpeg_quality <= 100:
-            raise ValueError(f"JPEG quality {self.jpeg_quality} is not between 1 and 100")
 
     @property
     def subsampling(self) -> Subsampling:
