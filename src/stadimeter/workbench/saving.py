@@ -56,7 +56,7 @@ class Version(Struct, frozen=True):
 
     @property
     def unix_s(self) -> float:
-        """When it was replaced."""
+        """The time at which it was replaced, since 1970."""
         return datetime.strptime(self.id.partition("-")[2], _STAMP).replace(tzinfo=UTC).timestamp()
 
     def files(self) -> dict[str, Path]:

@@ -654,12 +654,12 @@ class Answer(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def before(self) -> list[Span]:
-        """When the alarm stood."""
+        """The times in which the alarm stood, in seconds of the recording."""
         return self.kept.trial.spans(self.rule)
 
     @property
     def spans(self) -> list[Span]:
-        """When it would have stood."""
+        """The times in which it would have stood."""
         return self.after.spans(self.rule)
 
 

@@ -1,4 +1,4 @@
-"""What shall happen: questions for recipes, blanks and outputs; and the configuration that all answers come to."""
+"""Questions on what shall happen, of recipes, blanks and outputs; and the configuration that all answers come to."""
 
 from __future__ import annotations
 
