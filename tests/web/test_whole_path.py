@@ -14,6 +14,7 @@ from support.browser import served, tab
 
 
 def middle(element: Any) -> tuple[float, float]:
+    element.wait_for()  # one that is hidden until its picture comes has no box
     box = element.bounding_box()
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
