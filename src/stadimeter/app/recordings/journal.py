@@ -9,6 +9,7 @@ monotonic clock; the first line says which wall-clock time the journal began at.
 
 from __future__ import annotations
 
+import fcntl
 import os
 import struct
 import time
@@ -154,6 +155,8 @@ class RecordFile:
                     numbered = (f"{path.stem}-{number}{path.suffix}" for number in count(1))
                     self.kept_as = rename_to_free_name(path, numbered)
                 else:
+                    with suppress(OSError):  # this file system has no locks
+                        fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # the list of recordings asks for it
                     return self._file
         except OSError as error:
             raise self._failure(error) from error
