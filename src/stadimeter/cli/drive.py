@@ -256,7 +256,9 @@ def drive(config: ConfigArgument = None, *, as_json: JsonOption = False) -> None
         configuration = load_configuration(path, with_tests=False)
         base_with_wheels(configuration)
         _check_no_run(path)
-        _require("Are the wheels off the floor, and is the switch of the motors at hand?")
+        if not _yes("Are the wheels off the floor, and is the switch of the motors at hand?"):
+            typer.echo("put it on a box or a cup first: nothing was driven")
+            raise typer.Exit(WRONG)
         found = dict[str, bool | float](_learn_wiring(configuration))
         if takes_duties(base_with_wheels(configuration)):
             sides = {key: bool(value) for key, value in found.items()}
@@ -371,12 +373,6 @@ def _check_same(path: Path, before: str) -> None:
 
 def _warn(words: str) -> None:
     typer.echo(words, err=True)
-
-
-def _require(question: str) -> None:
-    if not _yes(question):
-        typer.echo("put it on a box or a cup first: nothing was driven")
-        raise typer.Exit(WRONG)
 
 
 def _ready(words: str) -> None:

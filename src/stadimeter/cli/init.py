@@ -93,9 +93,10 @@ def init(
         if answers and example:
             raise ConfigError("--answers and --example exclude each other")
         if example:
-            _write_example(folder, example)
+            for words in write_files(folder, {f"{example}.toml": load_example(example)}):
+                typer.echo(words)
             return
-        if answers is None and not _is_terminal():
+        if answers is None and not (sys.stdin.isatty() and sys.stdout.isatty()):
             raise ConfigError(
                 "init asks questions, and there is no terminal here; give the answers with --answers FILE, such as "
                 'camera = "ball.jpg" (docs/getting-started.md lists the keys)'
@@ -103,16 +104,6 @@ def init(
         known = _answer_from_file(console, folder, answers) if answers else _answer_by_person(console, folder)
         _write(console, known)
         raise typer.Exit(_check_and_show(console, known))
-
-
-def _is_terminal() -> bool:
-    return sys.stdin.isatty() and sys.stdout.isatty()
-
-
-def _write_example(folder: Path, name: str) -> None:
-    text = load_example(name)
-    for words in write_files(folder, {f"{name}.toml": text}):
-        typer.echo(words)
 
 
 def _answer_from_file(console: Console, folder: Path, file: Path) -> Known:

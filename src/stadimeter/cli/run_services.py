@@ -26,7 +26,7 @@ from stadimeter.app.service import (
 )
 from stadimeter.config.extras import missing
 from stadimeter.config.files import is_file
-from stadimeter.config.optional_tables import TIMELINE_S, TimelineTable
+from stadimeter.config.optional_tables import TIMELINE_S
 from stadimeter.operator_actions import OperatorAction
 
 if TYPE_CHECKING:
@@ -90,15 +90,18 @@ def open_services(loop: Loop, options: RunOptions, *, is_quiet: bool = False) ->
         if loop.parts.configuration.black_box is not None:
             open_black_box(loop, closing)
         if loop.parts.configuration.web is not None and not options.ends_with_input:
-            services.tell(f"the page: {_page_command(loop.parts.configuration.path, options.service)}")
+            by_hand = f"stadimeter web {loop.parts.configuration.path}"
+            is_service = options.service is not None
+            services.tell(f"the page: {'sudo systemctl enable --now stadimeter-web' if is_service else by_hand}")
         yield
 
 
 def _keep_past(loop: Loop, is_right: Callable[[], bool], closing: ExitStack) -> None:
-    """Keep the timeline and the event log of a run that has them."""
-    path = loop.parts.configuration.path
+    """Keep the timeline and the event log of a run that has them: a service has a timeline also without a table."""
+    path, table = loop.parts.configuration.path, loop.parts.configuration.timeline
     events = event_log_path(path)
-    if keep_s := _timeline_s(loop.parts.configuration.timeline):
+    usual_s = TIMELINE_S if state_directory() is not None else 0.0
+    if keep_s := table.keep if table is not None else usual_s:
         # Few runs at a desk keep one.
         from stadimeter.app.timeline import event_log_beside, keep_timeline  # noqa: PLC0415
 
@@ -141,11 +144,6 @@ def _notify_systemd(loop: Loop, service: Service) -> Iterator[None]:
     yield
     if loop.deadline.is_set:
         service.ended_as_asked()
-
-
-def _timeline_s(table: TimelineTable | None) -> float:
-    """Return for how long a timeline is kept; in a service also without a table. 0 for none."""
-    return table.keep if table is not None else TIMELINE_S if state_directory() is not None else 0.0
 
 
 @contextmanager
@@ -218,10 +216,6 @@ def _watch_mounting(loop: Loop) -> Iterator[None]:
         yield
     finally:
         watch.close()
-
-
-def _page_command(configuration: Path, service: Service | None) -> str:
-    return f"stadimeter web {configuration}" if service is None else "sudo systemctl enable --now stadimeter-web"
 
 
 class _ErrorLines:

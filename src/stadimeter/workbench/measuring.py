@@ -316,7 +316,8 @@ def remedies_for(choice: DriverChoice, refused: Detection, frame: Frame, lens: C
             continue
         changed = replace(choice, options=remedy.options)
         found = build_detectors([changed], lens)[0].detector.detect(frame, lens=lens)
-        if found.status is DetectionStatus.FOUND and _was_refused(found, refused):
+        was_refused = any(math.dist(found.centre_px, each.centre_px) < each.size_px / 2 for each in refused.rejected)
+        if found.status is DetectionStatus.FOUND and was_refused:
             helpful[remedy.key] = remedy
     return [*helpful.values()]
 
@@ -339,7 +340,3 @@ def remedy_notes(
         if remedies:
             noted.add(choice.name)
             yield f"{result.file}: {choice.name} is found with {' or '.join(map(str, remedies))}"
-
-
-def _was_refused(found: Detection, refused: Detection) -> bool:
-    return any(math.dist(found.centre_px, each.centre_px) < each.size_px / 2 for each in refused.rejected)

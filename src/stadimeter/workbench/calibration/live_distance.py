@@ -42,13 +42,11 @@ class DistanceFit(Struct, frozen=True, kw_only=True):
 
     Attributes:
         calibration: None if no picture can be used.
-        usable: The pictures that it comes from, as they look through a rough camera model.
         left_out: Those in which the target is not found through that model, or the finished one.
         elsewhere: Those in which another thing is taken for the target than at first.
     """
 
     calibration: Calibration | None
-    usable: tuple[KnownDistance, ...]
     left_out: tuple[KnownDistance, ...]
     elsewhere: tuple[KnownDistance, ...]
 
@@ -112,7 +110,7 @@ def fit_distances(
         usable, lost = _split_by_found(usable, again)
         left_out += lost
         finished = None if lost else with_readings(made, again)
-    return DistanceFit(calibration=finished, usable=usable, left_out=left_out, elsewhere=elsewhere)
+    return DistanceFit(calibration=finished, left_out=left_out, elsewhere=elsewhere)
 
 
 def _split_by_found(
