@@ -157,7 +157,7 @@ def test_what_is_opened_first_does_not_become_standard_output() -> None:
     assert done.returncode > 2
 
 
-# Long work says that it goes on: a moving line in a terminal, lines elsewhere, nothing for what is done at once.
+# Long work says that it goes on: a moving line in a terminal, one line elsewhere, nothing for what is done at once.
 
 
 @pytest.fixture

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from msgspec import Struct
 
 from stadimeter.app.exact_json import plain
 from stadimeter.cameras.protocol import AttachedCamera, CameraMode
@@ -52,52 +51,45 @@ def cameras(
     """
     with plain_errors():
         like = camera_choice(str(config)) if config is not None else None
-        seen = []
+        records = []
         for number, camera in enumerate(frame_source.list_cameras(), start=1):
             if not as_json:
                 _list(number, camera)
-            seen.append(_check_camera(camera, like, is_tried=is_tried))
+            trouble, shot = _try(camera, like) if is_tried else (camera.trouble, None)
+            records.append(_record(camera, trouble, shot))
             if not as_json:
-                _tell(seen[-1])
+                _tell(trouble, shot)
         if as_json:
-            typer.echo(json.dumps([each.record() for each in seen], indent=2))
-        if not seen:
+            typer.echo(json.dumps(records, indent=2))
+        if not records:
             typer.echo(f"error: {frame_source.NONE_FOUND}", err=True)
-    raise typer.Exit(DONE if seen and not any(each.trouble for each in seen) else NOT_FOUND)
+    raise typer.Exit(DONE if records and not any(each["trouble"] for each in records) else NOT_FOUND)
 
 
-class _CheckedCamera(Struct, frozen=True, kw_only=True):
-    """A camera, and what became of it: a picture, why there is none, or neither if it was not opened."""
-
-    camera: AttachedCamera
-    trouble: str
-    shot: frame_source.CameraShot | None = None
-
-    def record(self) -> dict[str, Any]:
-        """Return it as the object that ``--json`` prints."""
-        return {
-            "name": self.camera.name,
-            "driver": self.camera.driver,
-            "device": self.camera.path,
-            "node": self.camera.node,
-            "live": self.camera.choice,
-            "modes": [plain(mode) for mode in self.camera.modes],
-            "trouble": self.trouble,
-            "width_px": self.shot and self.shot.frame.width_px,
-            "height_px": self.shot and self.shot.frame.height_px,
-            "settings_not_taken": self.shot and self.shot.settings,
-            "faults": self.shot and self.shot.faults,
-        }
-
-
-def _check_camera(camera: AttachedCamera, like: DriverChoice | None, *, is_tried: bool) -> _CheckedCamera:
-    if camera.trouble or not is_tried:
-        return _CheckedCamera(camera=camera, trouble=camera.trouble)
+def _try(camera: AttachedCamera, like: DriverChoice | None) -> tuple[str, frame_source.CameraShot | None]:
+    """Open a camera; return why it gives no picture, or empty and the picture."""
+    if camera.trouble:
+        return camera.trouble, None
     typer.echo(f"opening {camera.name} …", err=True)
     shot = frame_source.first_picture(frame_source.choice_of(camera, like))
-    if isinstance(shot, str):
-        return _CheckedCamera(camera=camera, trouble=shot)
-    return _CheckedCamera(camera=camera, trouble="", shot=shot)
+    return (shot, None) if isinstance(shot, str) else ("", shot)
+
+
+def _record(camera: AttachedCamera, trouble: str, shot: frame_source.CameraShot | None) -> dict[str, Any]:
+    """Return a camera as the object that ``--json`` prints."""
+    return {
+        "name": camera.name,
+        "driver": camera.driver,
+        "device": camera.path,
+        "node": camera.node,
+        "live": camera.choice,
+        "modes": [plain(mode) for mode in camera.modes],
+        "trouble": trouble,
+        "width_px": shot and shot.frame.width_px,
+        "height_px": shot and shot.frame.height_px,
+        "settings_not_taken": shot and shot.settings,
+        "faults": shot and shot.faults,
+    }
 
 
 def _list(number: int, camera: AttachedCamera) -> None:
@@ -117,15 +109,14 @@ def _modes(modes: Sequence[CameraMode]) -> Iterator[str]:
         yield f"{fourcc.strip()}: {', '.join(sizes)}"
 
 
-def _tell(seen: _CheckedCamera) -> None:
-    if seen.trouble:
-        typer.echo(f"   cannot be used: {seen.trouble}")
-    if seen.shot is None:
-        return
-    took = "; ".join(seen.shot.settings) or "it took every setting"
-    typer.echo(f"   gives {seen.shot.frame.width_px} × {seen.shot.frame.height_px}: {took}")
-    for fault in seen.shot.faults:
-        typer.echo(f"   {fault}")
+def _tell(trouble: str, shot: frame_source.CameraShot | None) -> None:
+    if trouble:
+        typer.echo(f"   cannot be used: {trouble}")
+    if shot is not None:
+        took = "; ".join(shot.settings) or "it took every setting"
+        typer.echo(f"   gives {shot.frame.width_px} × {shot.frame.height_px}: {took}")
+        for fault in shot.faults:
+            typer.echo(f"   {fault}")
 
 
 def snapshot(

@@ -160,16 +160,13 @@ def make_folder(folder: Path, option: str) -> None:
         raise ConfigError([Problem(f"the folder {folder} cannot be made: {reason_of(error)}", key=option)]) from error
 
 
-# Says on standard error that a command works: in a terminal with a moving line, elsewhere with a line now and then ----
+# Says on standard error that a command works: in a terminal with a moving line, elsewhere with one that stays ---------
 
 # Work that ends sooner is not announced, in seconds.
 FIRST_AFTER_S = 0.5
 
 # This variable of the environment, set to ``off``, keeps it quiet: for logs, and for pages that show output.
 SWITCH = "STADIMETER_PROGRESS"
-
-# Seconds between lines of progress where the output is no terminal.
-EVERY_S = 15.0
 
 _T = TypeVar("_T")
 Say = Callable[[str], None]
@@ -212,26 +209,12 @@ def _show(now: list[str], is_over: threading.Event, after_s: float | None) -> No
     if os.environ.get(SWITCH) == "off" or is_over.wait(FIRST_AFTER_S if after_s is None else after_s):
         return
     with suppress(OSError):  # the terminal is gone; the work goes on
-        if sys.stderr.isatty():
-            _show_moving(now, is_over, began_s)
-        else:
-            _show_in_lines(now, is_over, began_s)
+        if not sys.stderr.isatty():
+            typer.echo(f"{now[0]} …", err=True)
+            return
+        from rich import console, live, spinner  # noqa: PLC0415 - not needed for what is done at once
 
-
-def _show_moving(now: list[str], is_over: threading.Event, began_s: float) -> None:
-    from rich import console, live, spinner  # noqa: PLC0415 - not needed for what is done at once
-
-    dots = spinner.Spinner("dots", now[0])
-    with live.Live(dots, console=console.Console(stderr=True), transient=True, redirect_stdout=False):
-        while not is_over.wait(0.25):
-            dots.update(text=_words(now[0], began_s))
-
-
-def _show_in_lines(now: list[str], is_over: threading.Event, began_s: float) -> None:
-    typer.echo(f"{now[0]} …", err=True)
-    while not is_over.wait(EVERY_S):
-        typer.echo(_words(now[0], began_s), err=True)
-
-
-def _words(doing: str, began_s: float) -> str:
-    return f"{doing}, {time.monotonic() - began_s:.0f} s so far"
+        dots = spinner.Spinner("dots", now[0])
+        with live.Live(dots, console=console.Console(stderr=True), transient=True, redirect_stdout=False):
+            while not is_over.wait(0.25):
+                dots.update(text=f"{now[0]}, {time.monotonic() - began_s:.0f} s so far")
