@@ -1,5 +1,7 @@
 """When outputs may act: fresh frames, arming, and a stop by a person."""
 
+import math
+
 import pytest
 from msgspec.structs import replace
 
@@ -12,6 +14,7 @@ from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 from stadimeter.core.rules.explaining import explain
 from stadimeter.core.safety import FROM_THE_FUTURE_S, SafetyState, is_gap, step_safety, usual_step_s
+from stadimeter.errors import CommandRangeError
 from stadimeter.operator_actions import HoldCommand, OperatorAction, OperatorCommand
 from support.observing import Rehearsal, measured
 
@@ -410,3 +413,10 @@ def test_alarms_go_on_beneath(run):
 def test_a_rule_explains_who_keeps_its_output_from_acting(run):
     sentence = explain(run.ask(stop(why="a child")), "near").sentence
     assert "'motor' is kept safe: stopped until released, by zoe: a child" in sentence
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_speed_that_is_no_number_is_no_command(value: float) -> None:
+    for linear_mps, angular_radps in ((value, 0.0), (0.0, value)):
+        with pytest.raises(CommandRangeError):
+            TwistCommand(output="base", linear_mps=linear_mps, angular_radps=angular_radps, captured_at_s=0.0)

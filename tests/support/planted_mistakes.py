@@ -150,7 +150,7 @@ MISTAKES = ACTUATOR | BUTTON | BASE | MESSENGER | NOTIFIER
 
 
 def planted(make_rig: Callable[[], Any], name: str) -> Callable[[], Any]:
-    """Return a rig whose driver has a mistake, in a class of its own: suites remember by class which are slow."""
+    """Return a rig whose driver has a mistake, in a class of its own, whose name messages have."""
     mistaken = type(name, (Planted,), {})
     return lambda: replace(rig := make_rig(), device=mistaken(rig.device, MISTAKES[name].methods))
 

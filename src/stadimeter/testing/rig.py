@@ -111,9 +111,9 @@ class Rig(Struct, Generic[DeviceT], frozen=True, kw_only=True, eq=False):
         self._slow_in_a_row[method] = self._slow_in_a_row[method] + 1 if took_s > limit_s else 0
         if self._slow_in_a_row[method] == SLOW_IN_A_ROW:
             pytest.fail(
-                f"{method}() is too slow: {SLOW_IN_A_ROW} calls in a row took more than {limit_s * 1e3:.0f} ms, the "
-                f"last one {took_s * 1e3:.0f} ms. The control loop calls it, and must never wait: leave waiting to a "
-                "thread, or look again at the next tick"
+                f"{type(self.device).__qualname__}.{method}() is too slow: {SLOW_IN_A_ROW} calls in a row took more "
+                f"than {limit_s * 1e3:.0f} ms, the last one {took_s * 1e3:.0f} ms. The control loop calls it, and "
+                "must never wait: leave waiting to a thread, or look again at the next tick"
             )
         return result
 
