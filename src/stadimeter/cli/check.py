@@ -78,14 +78,11 @@ def check(
         _report_errors(path, error, as_json=as_json)
         raise typer.Exit(WRONG) from error
     here = () if elsewhere else warnings_here(configuration)
-    warnings = _in_order((*configuration.warnings, *feasibility_warnings(configuration), *here))
+    found = (*configuration.warnings, *feasibility_warnings(configuration), *here)
+    warnings = tuple(sorted(found, key=lambda warning: warning.line))
     _report_success(configuration, warnings, is_lacking=bool(here), as_json=as_json)
     if strict and warnings:
         raise typer.Exit(WARNED)
-
-
-def _in_order(warnings: tuple[Problem, ...]) -> tuple[Problem, ...]:
-    return tuple(sorted(warnings, key=lambda warning: warning.line))
 
 
 def _report_errors(config: Path, error: ConfigError, *, as_json: bool) -> None:
@@ -174,18 +171,13 @@ def _fragment(problem: Problem, lines: list[str], kind: Kind) -> list[Text]:
         return []
     line = _ADDRESS.sub(lambda match: "…" * len(match[0]), lines[problem.line - 1].replace("\t", " "))
     number = f"  {problem.line}"
-    begin, end = _columns_to_underline(problem, line)
+    begin, end = problem.column, problem.end_column
+    if not end:  # the whole line without its margin
+        begin, end = len(line) - len(line.lstrip()), len(line.rstrip())
     return [
         Text.assemble((f"{number} | ", "dim"), line),
         Text.assemble((f"{' ' * len(number)} | ", "dim"), " " * begin, ("^" * max(1, end - begin), _COLOURS[kind])),
     ]
-
-
-def _columns_to_underline(problem: Problem, line: str) -> tuple[int, int]:
-    """Return the columns to underline: those of the key, or else the whole line without its margin and comment."""
-    if problem.end_column:
-        return problem.column, problem.end_column
-    return len(line) - len(line.lstrip()), len(line.rstrip())
 
 
 def _lines(file: str) -> list[str]:

@@ -9,7 +9,7 @@ from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.conditions.compounds import Condition, leaves
+from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.evidence import describe_begin, describe_end
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
 from stadimeter.core.conditions.remembered import RememberedFigure
@@ -147,9 +147,9 @@ def _ends(rule: AlarmRule) -> str:
 
 def _lost_alarm(rule: AlarmRule) -> str:
     lost = rule.lost
-    given_up = f", and goes to the safe state after {lost.fault_after_s:g} s" if rule.output else ""
-    if not needs_figures(rule.condition):
+    if not any(leaf.has_figures for leaf in leaves(rule.condition)):  # none that is not known out of sight
         return ""
+    given_up = f", and goes to the safe state after {lost.fault_after_s:g} s" if rule.output else ""
     match lost.policy:
         case LostPolicy.HOLD:
             return f" When lost: stays as it was{given_up}."
@@ -274,8 +274,3 @@ def _does(step: EscalationStep, configuration: Configuration) -> str:
     if step.send is not None and step.send.notifier:
         return f"notifies `{step.send.notifier}`"
     return f"sends `{step.send.topic}`" if step.send is not None else "does nothing"
-
-
-def needs_figures(condition: Condition) -> bool:
-    """Check whether a condition asks for a figure that is not known while its target is out of sight."""
-    return any(leaf.has_figures for leaf in leaves(condition))
