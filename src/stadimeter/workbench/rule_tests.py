@@ -16,6 +16,7 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, time, timedelta
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from statistics import NormalDist
@@ -405,7 +406,8 @@ MIN_SIZE_PX = 3.0
 RANGE_SENSOR_SIGMA_M, RANGE_SENSOR_MAX_M = 0.02, 4.0
 
 
-class SensorModel(Struct, frozen=True, kw_only=True):
+@dataclass(frozen=True, kw_only=True)
+class SensorModel:
     """A camera, or two, that look at a target of known size; or a range sensor.
 
     Attributes:
@@ -452,7 +454,11 @@ class SensorModel(Struct, frozen=True, kw_only=True):
         return self._expect(self.size, distance_m).size_px >= MIN_SIZE_PX
 
     def _expect(self, size: TargetShape, distance_m: float) -> Expectation:
-        return expect(size, replace(self.camera, focal_relative_sigma=0.0, uncertainty=None), distance_m)
+        return expect(size, self._exact, distance_m)
+
+    @cached_property
+    def _exact(self) -> CameraModel:
+        return replace(self.camera, focal_relative_sigma=0.0, uncertainty=None)
 
 
 def sensor_models(configuration: Configuration) -> Mapping[str, SensorModel]:
