@@ -84,18 +84,15 @@ class AppriseNotifier:
         self._service: Any = None
         self._secrets: frozenset[str] = frozenset()
         self._delivery: Delivery | None = None
-        self._left: tuple[Notification, ...] = ()
-        self._given_up_before = 0
 
     @property
     def given_up(self) -> int:
         """Number of notifications that were given up: the service did not take them in time, or too many waited."""
-        return self._given_up_before + (self._delivery.given_up if self._delivery else 0)
+        return self._delivery.given_up if self._delivery is not None else 0
 
     def undelivered(self) -> tuple[Notification, ...]:
         """Return the notifications that were neither taken nor given up, oldest first."""
-        delivery = self._delivery
-        return delivery.undelivered() if delivery is not None else self._left
+        return self._delivery.undelivered() if self._delivery is not None else ()
 
     def open(self) -> None:
         """Load apprise and understand the URL. Nothing is sent yet."""
@@ -106,33 +103,25 @@ class AppriseNotifier:
         address = url.partition("://")[2]
         self._secrets = frozenset(_SECRET.findall(f"{address} {unquote(address)}"))
         self._delivery = Delivery(self._deliver, RETRY_FOR_S, self._patience)
-        left, self._left = self._left, ()
-        for notification in left:
-            self._delivery.add(notification)
         self._delivery.start()
 
     def notify(self, notification: Notification) -> None:
         """Hand a notification over and return at once."""
-        if self._delivery is None:
+        if self._delivery is None or self._delivery.is_stopping:
             raise DeviceClosedError(f"the notifier '{self._name}' is not open; open it first")
         self._delivery.add(notification)
 
     def trouble(self) -> str:
         """Return in words what is wrong, or an empty string if everything was delivered so far."""
-        if self._delivery is None:
+        if self._delivery is None or self._delivery.is_stopping:
             return f"the notifier '{self._name}' is not open"
         words = self._delivery.trouble()
         return f"the notifier '{self._name}': {words}" if words else ""
 
     def close(self) -> None:
         """Wait a moment at most for what is on its way, and let go. What is left over is `undelivered`."""
-        delivery = self._delivery
-        if delivery is None:
-            return
-        delivery.stop()
-        self._left = delivery.undelivered()
-        self._given_up_before += delivery.given_up
-        self._delivery = None
+        if self._delivery is not None:
+            self._delivery.stop()
 
     def _url(self) -> str:
         url = (
@@ -227,6 +216,7 @@ class Delivery:
 
     Attributes:
         given_up: How many it will not be asked again, since it did not take them in time or too many waited.
+        is_stopping: Whether it takes no more.
     """
 
     def __init__(self, deliver: Callable[[Notification], str], retry_s: float, patience: Patience) -> None:
@@ -239,7 +229,7 @@ class Delivery:
         self._trying: _PendingNotification | None = None
         self._left: list[_PendingNotification] = []
         self._changed = threading.Condition()
-        self._is_stopping = False
+        self.is_stopping = False
         self._reason = ""
         self._pause_s = 0.0
         self._thread = threading.Thread(target=self._work, name="notifications", daemon=True)
@@ -271,7 +261,7 @@ class Delivery:
     def stop(self) -> None:
         """Give what waits one last chance, for a moment. What is left over is `undelivered`."""
         with self._changed:
-            self._is_stopping = True
+            self.is_stopping = True
             self._changed.notify()
         self._thread.join(self._patience.goodbye_s)
 
@@ -294,7 +284,7 @@ class Delivery:
     def _next(self) -> _PendingNotification | None:
         """Wait until there is something to deliver; None at the end."""
         with self._changed:
-            self._changed.wait_for(lambda: self._waiting or self._is_stopping)
+            self._changed.wait_for(lambda: self._waiting or self.is_stopping)
             self._trying = self._waiting.popleft() if self._waiting else None
             return self._trying
 
@@ -306,10 +296,10 @@ class Delivery:
             self._pauses.reset()
         elif time.monotonic() >= tried.until_s:
             self._give_up(reason)
-        elif self._is_stopping:
+        elif self.is_stopping:
             self._left.append(tried)
         else:
             self._reason = reason
             self._waiting.appendleft(tried)
             self._pause_s = min(self._pauses.next_s(), self._patience.alarm_pause_s)
-            self._changed.wait_for(lambda: self._is_stopping, self._pause_s)
+            self._changed.wait_for(lambda: self.is_stopping, self._pause_s)

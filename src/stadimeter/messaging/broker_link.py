@@ -20,7 +20,6 @@ from paho.mqtt.properties import MQTTException  # type: ignore[attr-defined] # p
 
 from stadimeter.core.home_assistant import Announcement, announce, announced_platforms
 from stadimeter.core.message import AVAILABILITY, OWN_TOPICS, Message, clearing, is_kept_by_name
-from stadimeter.errors import DeviceOpenError
 from stadimeter.messaging.mqtt_client import (
     OFFLINE,
     ONLINE,
@@ -195,12 +194,9 @@ class BrokerLink:
         self.requests: RequestTopics | None = None
 
     def start(self, secrets: Secrets) -> None:
-        """Begin to connect; `DeviceOpenError` if the last one has not ended yet."""
-        if self._thread.is_alive():
-            raise DeviceOpenError(f"the connection to {self._options.place} is still being closed")
+        """Begin to connect."""
         self._secrets = secrets
         self._client = self._new_client()
-        self._stopping.clear()
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
         self._thread.start()
 
@@ -228,7 +224,6 @@ class BrokerLink:
         self.queue.wake()
         # A look-up of a name may keep the thread longer; it then ends by itself.
         self._thread.join(2 * self._patience.goodbye_s)
-        self.queue.forget_own()
 
     def _run(self) -> None:
         while not self._stopping.is_set():
@@ -403,15 +398,6 @@ class SendQueue:
         with self._lock:
             undelivered = self._outbox.undelivered()
         return tuple([each for each in undelivered if not (each.topic == AVAILABILITY.path or each.is_absolute)])
-
-    def forget_own(self) -> None:
-        """Forget the link's own messages, which another connection begins with anew."""
-        left, before = self.undelivered(), self._outbox
-        with self._lock:
-            self._outbox = MemoryOutbox()
-            self._outbox.dropped, self._outbox.given_up = before.dropped, before.given_up
-            for message in left:
-                self._outbox.add(message, time.monotonic())
 
     def send(self, message: Message) -> None:
         """Send a message, or let it wait (QoS 1), or drop and count it (QoS 0). Returns at once."""

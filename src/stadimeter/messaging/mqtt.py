@@ -69,7 +69,7 @@ class PahoMessenger:
     """Publishes to an MQTT broker.
 
     A thread of its own does all that can wait for the network. Messages of QoS 1 wait in memory while there is no
-    connection. What is left when it is closed is sent when it is opened again.
+    connection. It is opened once: what is left when it is closed is sent by the next run.
 
     Attributes:
         orders: The topics below the base topic to which others may send; see `Discoverable`.
