@@ -25,7 +25,6 @@ from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.app.persistence.resumption import read_state
 from stadimeter.app.recordings.journal import (
     FILE_NAME,
-    HEAD_BYTES,
     LIBRARY,
     MAGIC,
     Journal,
@@ -36,7 +35,6 @@ from stadimeter.app.recordings.journal import (
     read_journal,
     readable,
     reload_of,
-    writer_of,
 )
 from stadimeter.app.recordings.recording import (
     ANNOTATIONS,
@@ -63,12 +61,12 @@ from stadimeter.perception.perceiver import Perceiver
 
 with suppress(ImportError):  # an extra; without it `read_mcap` raises
     from mcap.data_stream import ReadDataStream
-    from mcap.records import Attachment, Channel, Chunk, Message, Metadata
+    from mcap.records import Attachment, Channel, Chunk, Header, Message, Metadata
     from mcap.stream_reader import breakup_chunk
 
 # The opcodes of the records that matter here.
 RECORD_HEAD = struct.Struct("<BQ")
-CHUNK, MESSAGE_INDEX, _ATTACHMENT, _METADATA, DATA_END = 0x06, 0x07, 0x09, 0x0C, 0x0F
+_HEADER, CHUNK, MESSAGE_INDEX, _ATTACHMENT, _METADATA, DATA_END = 0x01, 0x06, 0x07, 0x09, 0x0C, 0x0F
 
 _IMAGE_BEGINS = b'"data":"'
 
@@ -161,13 +159,6 @@ def read_mcap(path: Path) -> McapRecording:
         DriverUnavailableError: The library ``mcap`` is not installed.
     """
     require_mcap(f"reading {path}")
-    with readable(path) as file:
-        written_by = writer_of(file.read(HEAD_BYTES))
-    if written_by is None:
-        raise JournalError(f"{path}: the recording ends before its first cycle")
-    if not written_by.startswith(LIBRARY):
-        other = f"written by {written_by}" if written_by else "of another program"
-        raise JournalError(f"{path}: an MCAP file {other}, and not by `stadimeter run --record`")
     about, files = _about(path)
     version = about.get("format", "")
     if version != str(FORMAT):
@@ -193,7 +184,11 @@ def _about(path: Path) -> tuple[dict[str, str], dict[str, str]]:
         if opcode == CHUNK:
             break
         stream = ReadDataStream(BytesIO(data))
-        if opcode == _METADATA:
+        if opcode == _HEADER:
+            library = _call_reader(place, Header.read, stream).library
+            if not library.startswith(LIBRARY):
+                raise JournalError(f"{path}: an MCAP file written by {library}, and not by `stadimeter run --record`")
+        elif opcode == _METADATA:
             metadata = _call_reader(place, Metadata.read, stream)
             about |= metadata.metadata if metadata.name == METADATA else {}
         elif opcode == _ATTACHMENT:

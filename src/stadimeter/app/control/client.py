@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import socket
-import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -144,21 +143,13 @@ def _try_introduce(path: Path) -> Instance | None:
 
 def _connected(path: Path) -> socket.socket:
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    until_s = time.monotonic() + CONNECT_WAIT_S
-    while True:
-        try:
-            connection.settimeout(CONNECT_WAIT_S)
-            connection.connect(os.fspath(path))
-        except BlockingIOError as error:  # too many wait to be let in
-            if time.monotonic() >= until_s:
-                connection.close()
-                raise TimeoutError from error
-            time.sleep(0.02)
-        except OSError:
-            connection.close()
-            raise
-        else:
-            return connection
+    try:
+        connection.settimeout(CONNECT_WAIT_S)
+        connection.connect(os.fspath(path))
+    except OSError:
+        connection.close()
+        raise
+    return connection
 
 
 def _answer(connection: socket.socket) -> tuple[bytes, bytes]:

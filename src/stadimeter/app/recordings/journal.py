@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import struct
 import time
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
@@ -188,32 +187,10 @@ MAGIC = b"\x89MCAP0\r\n"
 # How the name of the program begins that recordings say they were written by.
 LIBRARY = "stadimeter"
 
-# Up to the end of the program's name: before it, an opcode and the lengths of record, profile and name.
-HEADER_BYTES_MIN = len(MAGIC) + 1 + 8 + 4 + 4 + len(LIBRARY)
 
-# The opcode of the first record of an MCAP file.
-_HEADER = 1
-
-
-def writer_of(head: bytes) -> str | None:
-    """Return the program that an MCAP file says it was written by; None if this is no beginning of one."""
-    if not head.startswith(MAGIC):
-        return None
-    try:
-        opcode, _ = struct.unpack_from("<BQ", head, len(MAGIC))
-        (profile_length,) = struct.unpack_from("<I", head, len(MAGIC) + 9)
-        begin = len(MAGIC) + 13 + profile_length
-        (length,) = struct.unpack_from("<I", head, begin)
-    except struct.error:
-        return None
-    return head[begin + 4 : begin + 4 + length].decode(errors="replace") if opcode == _HEADER else None
-
-
-def is_ours(head: bytes) -> bool:
-    """Check whether a file is a recording of ours, or the beginning of one that a cut ended too early to tell."""
-    if len(head) < HEADER_BYTES_MIN:
-        return MAGIC.startswith(head[: len(MAGIC)])
-    return (writer_of(head) or "").startswith(LIBRARY)
+def begins_as_mcap(head: bytes) -> bool:
+    """Check whether a file is an MCAP file, or the beginning of one that a cut ended too early to tell."""
+    return MAGIC.startswith(head[: len(MAGIC)])
 
 
 _T = TypeVar("_T")

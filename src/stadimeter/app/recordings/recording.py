@@ -207,7 +207,7 @@ class RecordingWriter:
         self._recorded = recorded
         self._entries = EntryEncoder(recorded, options or ImageOptions())
         self._anchor_ns = anchor_ns
-        self._file = journal.RecordFile(path, self.kind, journal.is_ours)
+        self._file = journal.RecordFile(path, self.kind, journal.begins_as_mcap)
         self._writer: Writer | None = None
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
