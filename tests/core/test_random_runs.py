@@ -116,11 +116,11 @@ def test_each_output_gets_one_command_from_at_most_one_winner_of_the_highest_pri
     priorities = {rule.name: rule.priority for rule in plan.rules}
     for _, _, state, decision in cycles:
         assert [command.output for command in decision.commands] == [output.name for output in OUTPUTS]
-        for trace, output in zip(decision.outputs, state.outputs, strict=True):
+        for trace in decision.outputs:
             names = trace.winner.split("+")
             assert not set(names) & set(trace.losers)
             if names[0] in priorities:
-                highest = max(request.priority for request in output.wanted)
+                highest = max(request.priority for request in state.rules.wanted[trace.output])
                 assert all(priorities[name] == highest for name in names)
 
 

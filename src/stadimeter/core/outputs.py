@@ -24,8 +24,6 @@ class OutputStep(Struct, frozen=True, kw_only=True):
 
     command: Command
     trace: OutputTrace
-    wanted: Sequence[Request] = ()
-    """What the rules want of it, the winner first."""
     changes: tuple[float, float] = (0.0, 0.0)
     """Of a base, how fast its two speeds change: in m/s² and rad/s²."""
 
@@ -77,27 +75,20 @@ def _step(
     output: Output, before: OutputStep, wanted: Sequence[Request], safety: SafetyState, forbidden: str, step_s: float
 ) -> OutputStep:
     if forbidden or safety.frame is None:
-        trace = _trace(before, ("safety", forbidden, ""), wanted, losing_from=0)
-        return OutputStep(command=safe_command(output), trace=trace, wanted=wanted)
+        return OutputStep(command=safe_command(output), trace=_trace(before, ("safety", forbidden, ""), wanted))
     winner = wanted[0] if wanted else None
     command, changes = _command(output, before, winner, safety.frame.captured_at_s, step_s)
     told = (winner.rule, "", winner.by) if winner else ("safe", NOBODY, "")
-    trace = _trace(before, told, wanted, losing_from=1)
-    if command is before.command and trace is before.trace and wanted is before.wanted:
+    trace = _trace(before, told, wanted[1:])
+    if command is before.command and trace is before.trace:
         return before
-    return OutputStep(command=command, trace=trace, wanted=wanted, changes=changes)
+    return OutputStep(command=command, trace=trace, changes=changes)
 
 
-def _trace(
-    before: OutputStep, told: tuple[str, str, str], wanted: Sequence[Request], *, losing_from: int
-) -> OutputTrace:
+def _trace(before: OutputStep, told: tuple[str, str, str], losing: Sequence[Request]) -> OutputTrace:
     """Return the trace of the cycle before while it says the same: the winner, the reason, and who holds the output."""
-    last = before.trace
-    is_as_before = told == (last.winner, last.reason, last.held_by)
-    if wanted is before.wanted and is_as_before:
-        return last
-    losers = tuple([request.rule for request in wanted[losing_from:]])
-    if is_as_before and losers == last.losers:
+    last, losers = before.trace, tuple([request.rule for request in losing])
+    if (*told, losers) == (last.winner, last.reason, last.held_by, last.losers):
         return last
     winner, reason, held_by = told
     return OutputTrace(output=last.output, winner=winner, reason=reason, losers=losers, held_by=held_by)
