@@ -179,6 +179,13 @@ def test_no_pause_is_longer_than_an_alarm_may_wait(play):
     assert len(messenger.undelivered()) == 1
 
 
+def test_a_broker_is_told_how_little_we_read(play, make_messenger):
+    broker = play((ACCEPTED_5, False))
+    make_messenger(broker.port, protocol="5").open()
+    (greeting,) = eventually(lambda: broker.greetings)
+    assert b"\x27" + (256 * 1024).to_bytes(4, "big") in greeting  # property 39, maximum packet size
+
+
 def test_closing_in_the_middle_of_a_pause_does_not_wait_for_its_end(play, make_messenger):
     messenger = make_messenger(play((BANNED_5, True)).port)
     messenger.open()

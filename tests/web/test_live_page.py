@@ -162,7 +162,7 @@ def test_picture_chart_rules_and_outputs_are_on_the_first_screen_of_a_laptop(bro
         page.locator(".chart .uplot").wait_for()
         for part in (".picture", ".chart", ".rules", ".output >> nth=0", ".output >> nth=1"):
             box = page.locator(part).bounding_box()
-            assert box["y"] + box["height"] <= DESKTOP[1], part
+            assert box["y"] + box["height"] <= DESKTOP[1], (part, page.inner_text("#banners"))
 
 
 PLACES = """async () => {

@@ -40,10 +40,12 @@ COUNTED = {
 class _Doctor(TyperGroup):
     """Examines the computer where nothing else is named."""
 
+    default = "computer"
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the examination before arguments that are for it."""
         if not args or args[0] not in {*self.commands, *ctx.help_option_names}:
-            args = ["computer", *args]
+            args = [self.default, *args]
         return super().parse_args(ctx, args)
 
 
