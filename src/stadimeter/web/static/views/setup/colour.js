@@ -40,7 +40,7 @@ class Colour extends Model {
   figures = null; // of the newest picture
   #clicks = [];
 
-  /** Take the picture for clicks, and try the range that is ready. */
+  /** Take the picture for clicks, and try the range that is ready, or that of what stands out. */
   begin() {
     const onPlace = (x_px, y_px) => {
       this.#clicks.push({ x_px, y_px });
@@ -49,7 +49,7 @@ class Colour extends Model {
     this.places = { onPlace, onValues: ({ range }) => this.put({ figures: range }) };
     this.#mark();
     const { ready } = this.step.question;
-    this.ask(ready ? { range: ready } : {}, true);
+    this.ask(ready ? { range: ready } : { look: true }, true);
     return () => this.ask.end();
   }
 
