@@ -98,7 +98,7 @@ def test_where_no_answer_comes_it_is_sent_again_and_then_says_in_red_what_to_do_
         page.clock.run_for(1000)
         page.get_by_text(BY_HAND).wait_for()
         assert page.locator("#stop .said").get_attribute("class") == "said is-error"
-        assert len(sent) == 5
+        eventually(lambda: page.evaluate("1") and len(sent) == 5)
         page.clock.run_for(60_000)
         page.get_by_text(BY_HAND).wait_for()
 
