@@ -5,7 +5,10 @@ else is printed than what is shown. What a guide shows is run in an empty folder
 
 - a block that follows ``<!-- file: NAME -->`` is written to that file;
 - in a block of ``console``, each line that begins with ``$`` is run, and what follows is what it printed;
-- ``<!-- run: COMMAND -->`` is run and not shown: what a reader does in another window.
+- a block of ``sh`` is run, and must leave with 0;
+- ``<!-- run: COMMAND -->`` is run and not shown: what a reader does in another window. ``$SOURCE`` is this checkout;
+- a block that follows ``<!-- run by: TEST FILE -->`` is not run here: that test does it, since it needs a device, the
+  rights of root, or somewhere to run on.
 
 How long something took differs from run to run, so figures in milliseconds are not compared.
 """
@@ -22,9 +25,11 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+SOURCE = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(
     r"^<!-- run: (?P<unseen>[^\n]+) -->$"
-    r"|(?:^<!-- file: (?P<name>[\w./-]+) -->\n)?^```(?P<kind>\w*)\n(?P<text>.*?)^```$",
+    r"|(?:^<!-- file: (?P<name>[\w./-]+) -->\n)?(?:^<!-- run by: (?P<by>[\w./-]+) -->\n)?"
+    r"^```(?P<kind>\w*)\n(?P<text>.*?)^```$",
     re.MULTILINE | re.DOTALL,
 )
 FROM_RUN_TO_RUN = re.compile(r"[\d.]+(?= (?:ms|s\b.* took))|\d{8}T\d{6}Z")  # how long it took, and when it was
@@ -46,7 +51,9 @@ def with_output(guide: str, folder: Path) -> str:
             printed(found["unseen"], folder)
         if found["name"]:
             (folder / found["name"]).write_text(found["text"])
-        if found["kind"] != "console":
+        if found["kind"] == "sh" and not found["by"]:
+            printed(found["text"], folder, must_pass=True)
+        if found["kind"] != "console" or found["by"]:
             return found[0]
         commands = [line[2:] for line in found["text"].splitlines() if line.startswith("$ ")]
         return "```console\n" + "".join(f"$ {command}\n{printed(command, folder)}" for command in commands) + "```"
@@ -54,14 +61,19 @@ def with_output(guide: str, folder: Path) -> str:
     return BLOCK.sub(run_block, guide)
 
 
-def printed(command: str, folder: Path) -> str:
-    """Run a command, and return what it prints on both its outputs."""
+def printed(command: str, folder: Path, must_pass: bool = False) -> str:
+    """Run a command, and return what it prints on both its outputs.
+
+    Raises:
+        SystemExit: It did not leave with 0, and must.
+    """
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     around = {**os.environ, "PATH": path, "NO_COLOR": "1", "COLUMNS": "130", "TZ": "UTC", "LC_ALL": "C.UTF-8"}
     around["STADIMETER_PROGRESS"] = "off"  # whether it is shown depends on how busy this computer is
+    around["SOURCE"] = str(SOURCE)
     around["XDG_RUNTIME_DIR"] = str(folder)  # a running instance is found by itself, and only the guide's own
     done = subprocess.run(  # noqa: S603 - a guide of our own is run
-        ["bash", "-c", command],  # noqa: S607 - whichever shell people have
+        ["bash", "-e", "-c", command],  # noqa: S607 - whichever shell people have
         cwd=folder,
         env=around,
         stdout=subprocess.PIPE,
@@ -69,6 +81,8 @@ def printed(command: str, folder: Path) -> str:
         text=True,
         check=False,
     )
+    if must_pass and done.returncode:
+        raise SystemExit(f"this left with {done.returncode}:\n{command}\n{done.stdout}")
     lines = [line.rstrip() for line in done.stdout.splitlines()]
     return "".join(f"{line}\n" for line in lines)
 

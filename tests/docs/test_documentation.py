@@ -12,7 +12,6 @@ import shlex
 import subprocess
 import sys
 import tomllib
-from functools import cache
 from pathlib import Path
 
 import cv2
@@ -315,18 +314,28 @@ def test_a_long_page_begins_with_a_table_of_its_contents():
         assert names - linked == set(), page
 
 
-# The guides show what their commands really print.
+# What a page shows is run, or another test is named that does it.
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+TO_RUN = [page for page in PAGES if re.search(r"^```(?:sh|console)$", page.read_text(), re.MULTILINE)]
+RUN_BY = re.compile(r"^<!-- run by: (\S+) -->\n```(?:sh|console)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 @pytest.mark.long
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("guide", ["rules.md", "recording.md", "robots.md", "site.md", "teaching.md"])
-def test_every_command_of_a_guide_prints_what_is_shown(guide):
-    command = [sys.executable, DOCS / "make_output.py", DOCS / guide, "--check"]
+@pytest.mark.parametrize("page", TO_RUN, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_command_of_a_page_runs_and_prints_what_is_shown(page):
+    command = [sys.executable, ROOT / "docs" / "make_output.py", page, "--check"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_command_that_its_page_cannot_run_stands_in_the_test_that_is_named():
+    named = [(page, test, block) for page in TO_RUN for test, block in RUN_BY.findall(page.read_text())]
+    for page, test, block in named:
+        text = (ROOT / test).read_text()
+        calls = [each.split() for each in re.findall(r"stadimeter ([a-z].*)", block)]
+        missing = [words[0] for words in calls if words[0] not in text]
+        assert missing == [], f"{page.name}: {test}"
 
 
 # The page on troubleshooting quotes what the program really says.
@@ -349,45 +358,6 @@ def test_every_message_that_is_quoted_stands_in_the_source():
     quoted = set(symptoms()) - OF_OTHERS
     assert len(quoted) > 15
     assert sorted(quote for quote in quoted if quote not in unbroken) == []
-
-
-# The page on safety promises nothing that no test asserts.
-
-SAFETY_PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
-ROWS = [line for line in SAFETY_PAGE.splitlines() if line.startswith("| ") and "| --- |" not in line]
-PROMISES = [row for row in ROWS if not row.endswith("| asserted by |")]
-TEST = re.compile(r"`([\w/]+\.py)::([\w:]+)`")
-
-
-CONTRACTS = sorted((ROOT / "src" / "stadimeter" / "testing").glob("*_contract.py"))
-"""Suites that the classes of other files inherit tests from."""
-
-
-@cache
-def names_in(file):
-    """Return the names of the functions and classes of a file."""
-    tree = ast.parse(file.read_text(encoding="utf-8"))
-    return {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.ClassDef)}
-
-
-@pytest.mark.long
-def test_each_promise_names_tests_that_there_are():
-    for row in PROMISES:
-        named = TEST.findall(row.rsplit("|", 2)[1])
-        assert named, f"no test asserts this: {row}"
-        for file, names in named:
-            there = set().union(*map(names_in, (ROOT / "tests" / file, *CONTRACTS)))
-            assert set(names.split("::")) <= there, f"{file}: there is no {names}"
-
-
-def test_every_table_says_what_asserts_it():
-    headings = [
-        before
-        for before, line in zip(SAFETY_PAGE.splitlines(), SAFETY_PAGE.splitlines()[1:], strict=False)
-        if "| --- |" in line
-    ]
-    assert len(headings) >= 5
-    assert all(heading.endswith("| asserted by |") for heading in headings)
 
 
 # The shape that the page on target shapes makes, as a stranger would use it.

@@ -25,15 +25,26 @@ function send(type, data) { answers = []; listeners.forEach(listener => listener
 SETUP, QUERY = 0, 2
 
 PAGE_OF = {
-    "accuracy": "index.html",
-    "debounce": "configuration-rules.html",
-    "Home Assistant": "home-assistant.html",
-    "hysteresis": "configuration-rules.html",
-    "latency": "configuration.html",
-    "median": "benchmarks/report.html",
-    "threshold": "rules.html",
-    "troubleshooting": "troubleshooting.html",
+    "accuracy": "accuracy.html",
+    "arduino": "robots/ros-arduino-bridge.html",
+    "buzzer not sounding": "troubleshooting.html",
+    "calibrate": "calibration.html",
+    "camera busy": "troubleshooting.html",
+    "emergency stop": "safety.html",
+    "false alarm": "teaching.html",
+    "follow a ball": "robots.html",
+    "home assistant": "mqtt.html",
+    "how far can it see": "what-it-does-not-do.html",
+    "hysteresis": "rules.html",
+    "password": "web-security.html",
+    "person": "objects.html",
+    "print a tag": "printing.html",
+    "robot does not move": "troubleshooting.html",
+    "start on boot": "appliance.html",
+    "two cameras": "two-cameras.html",
+    "unknown size": "unknown-size.html",
     "webcam": "cameras.html",
+    "wrong distance": "troubleshooting.html",
 }
 """The page that a reader who searches for a word wants to see first."""
 

@@ -55,3 +55,14 @@ def test_no_page_message_or_docstring_uses_words_that_readers_stumble_over():
 def test_words_that_readers_search_for_are_found():
     text = "\n".join(page.read_text() for page in PAGES).lower()
     assert [word for word in SEARCHED if word not in text] == []
+
+
+WORDS_MAX = {"README.md": 500}
+WORDS_MAX_ELSEWHERE = 1500
+WRITTEN_BY_PROGRAMS = ("reference", "benchmarks")
+
+
+def test_each_page_is_read_at_one_sitting():
+    pages = [each for each in (ROOT / "docs").rglob("*.md") if each.parent.name not in WRITTEN_BY_PROGRAMS]
+    words = {str(page.relative_to(ROOT)): len(page.read_text().split()) for page in [ROOT / "README.md", *pages]}
+    assert {page: n for page, n in words.items() if n > WORDS_MAX.get(page, WORDS_MAX_ELSEWHERE)} == {}
