@@ -7,7 +7,6 @@ A key is the first cell of a row of a table, or a sentence as the page has it; i
 from __future__ import annotations
 
 import ast
-import re
 import tomllib
 from functools import cache
 from pathlib import Path
