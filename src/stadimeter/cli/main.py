@@ -22,7 +22,7 @@ SLOW_START_S = 1.0
 # The first sentence of the help of each command, by heading. Those of the first heading are shown first.
 PANELS: Mapping[str, Mapping[str, str]] = {
     "Start here": {
-        "demo": "Watch a simulated ball being measured and followed, without hardware.",
+        "demo": "Watch a simulated ball being measured and followed. No hardware.",
         "init": "Write your first configuration, one question at a time.",
         "run": "Measure, decide and act, until stopped.",
         "measure": "Measure how far away a target is: in pictures, or before a camera.",
