@@ -28,6 +28,9 @@ BEHIND_OTHERS = ("a-z.md", "benchmarks/", "contributing.md", "decisions/")
 FOR_USERS = ("benchmarks/report.md",)
 """Of these, the pages that users want to see first all the same."""
 
+BEFORE_OTHERS = "troubleshooting.md"
+"""The page that the search shows first where several have a word: who searches for a symptom wants its remedy."""
+
 INDEX = "a-z.md"
 INDEX_MARK = "<!-- index of keys -->"
 INDEXED = ("configuration.md", "configuration-rules.md", "mqtt.md", "operating.md", "cameras.md")
@@ -55,6 +58,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         markdown = markdown.replace(INDEX_MARK, index_of_keys(files))
     if uri.startswith(BEHIND_OTHERS) and uri not in FOR_USERS:
         page.meta["search"] = {"boost": 0.1}
+    if uri == BEFORE_OTHERS:
+        page.meta["search"] = {"boost": 4}
     origin = FROM_ELSEWHERE.get(uri, f"docs/{uri}")
     return LINK.sub(lambda link: in_site(link[1], origin, uri, str(config.repo_url)) + (link[2] or ""), markdown)
 
