@@ -149,15 +149,15 @@ def _lost_alarm(rule: AlarmRule) -> str:
     lost = rule.lost
     if not any(leaf.has_figures for leaf in leaves(rule.condition)):  # none that is not known out of sight
         return ""
-    given_up = f", and goes to the safe state after {lost.fault_after_s:g} s" if rule.output else ""
+    held = f"for {lost.fault_after_s:g} s, then goes safe" if rule.output else "until it is seen again"
     match lost.policy:
         case LostPolicy.HOLD:
-            return f" When lost: stays as it was{given_up}."
+            return f" If lost, it holds {held}."
         case LostPolicy.CLEAR:
             later = f" {rule.off_delay_s:g} s later" if rule.off_delay_s else ""
-            return f" When lost for {lost.grace_s:g} s: clears{later}."
+            return f" If lost for {lost.grace_s:g} s, it clears{later}."
         case _:
-            return f" When lost for {lost.grace_s:g} s: raised, since not seeing counts as danger."
+            return f" If lost for {lost.grace_s:g} s, it is raised: not seeing counts as danger."
 
 
 def _wins(rule: AnyRule, configuration: Configuration) -> str:
