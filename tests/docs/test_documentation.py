@@ -204,6 +204,8 @@ GUIDE_FILES = {
     for _, code in FENCE.findall(GUIDE)
     for name in re.findall(r"\A# (\S+\.(?:py|toml))$", code, re.MULTILINE)
 }
+DRIVERS = ROOT / "docs" / "drivers"
+GUIDE_FILES |= {str(file.relative_to(DRIVERS)): file.read_text() for file in sorted(DRIVERS.rglob("*.py"))}
 
 
 @pytest.fixture
