@@ -207,11 +207,10 @@ def row(name: str, key: str) -> tuple[str, str, str, str]:
 
 
 def words_of(name: str) -> str:
-    """Return the sentences on a table, of its docstring: those for people who read the code are left out."""
-    text = (inspect.getdoc(models()[name]) or "").partition("\n\nA")[0] if name in models() else ""
-    first = str(schema()["$defs"][name].get("description", ""))
-    rest = text.partition("\n\n")[2].partition(":\n")[0] if "\n\nFor people: " not in text else ""
-    return " ".join([first, *rest.split()]) if rest and not rest.endswith(("Attributes", "Args")) else first
+    """Return the sentences of a table's docstring, without what is for those who read the code."""
+    text = re.split(r"\n\n(?=\w+:\n)", inspect.getdoc(models()[name]) or "")[0]
+    rest = text.partition("\n\n")[2].replace("``", "`")
+    return " ".join([str(schema()["$defs"][name].get("description", "")), *rest.split()])
 
 
 def section(name: str, path: str, shown: set[str], depth: int = 3) -> Iterator[str]:

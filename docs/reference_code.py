@@ -232,6 +232,8 @@ def _messages() -> Iterator[topics.Message]:
     yield reporter.info("9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08")
 
 
+ALERT = re.compile(r"- alert: (\w+)$.*?summary: \"(.*?)\"$", re.MULTILINE | re.DOTALL)
+
 # Metrics, API, answers ------------------------------------------------------------------------------------------------
 
 
@@ -246,6 +248,10 @@ def metrics_page() -> Iterator[str]:
         name = family.name + ("_total" if family.type == "counter" else "")
         rows.append((f"`{name}`", family.type, ", ".join(f"`{each}`" for each in labels), family.documentation))
     yield table(("metric", "kind", "labels", "what it is"), rows)
+    file = SOURCE.parents[1] / "deploy/prometheus/stadimeter-alerts.yml"
+    alerts = re.findall(ALERT, file.read_text(encoding="utf-8"))
+    yield "## Alerts\n\nThey are no safety function: what must act at once is a rule."
+    yield table(("alert", "what it says"), [(f"`{name}`", re.sub(r"{{.*?}}", "…", says)) for name, says in alerts])
 
 
 def api_page() -> Iterator[str]:
@@ -261,13 +267,12 @@ def api_page() -> Iterator[str]:
 def answers_page() -> Iterator[str]:
     """Yield each question of `stadimeter init`: the first ones, those of a target, those of recipes and bases."""
     yield "## For every configuration"
-    asked = [(step.key, (inspect.getdoc(type(step)) or "").splitlines()[0], "") for step in FIRST_STEPS]
-    yield _answers(asked)
+    yield _answers((step.key, (inspect.getdoc(type(step)) or "").splitlines()[0], "") for step in FIRST_STEPS)
     yield "## Targets\n\n`target` is one of these; the keys below are asked where a target needs them."
     yield table(("`target`", "what it is"), [(f"`{kind.key}`", kind.title) for kind in offered_kinds().values()])
-    yield _answers(
-        (blank.key, blank.text, blank.form or blank.ready) for kind in offered_kinds().values() for blank in kind.blanks
-    )
+    blanks = [blank for kind in offered_kinds().values() for blank in kind.blanks]
+    asked = ((each.key, each.text + (f" Write {each.form}." if each.form else ""), each.ready) for each in blanks)
+    yield _answers(asked)
     yield "## Recipes\n\n`recipe` is one or several of these names."
     for recipe in load_recipes().values():
         yield f"### `{recipe.key}`\n\n{recipe.title[0].upper()}{recipe.title[1:]}."
