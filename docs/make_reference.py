@@ -1,13 +1,14 @@
 """Writes the pages of the reference, ``docs/reference/*.md``, from the code: ``make reference``.
 
-Tables come from the models that read a configuration. Each example is loaded by these models before it is written;
-``reference.toml`` has those that can be neither derived from a model nor found in a configuration of the project.
+Tables come from the models that read a configuration. Each example is accepted by these models before it is written;
+``reference.toml`` has those that cannot be derived from a model.
 """
 
 from __future__ import annotations
 
 import inspect
 import itertools
+import math
 import re
 import tempfile
 import tomllib
@@ -39,6 +40,7 @@ KINDS = {
     "B": "bytes", "m/s2": "acceleration", "rad/s2": "turn acceleration", "m/s²": "acceleration",
 }  # fmt: skip
 SAME_DRIVERS = {"second_camera": "camera", "status_led": "actuators.NAME"}
+LIKELIHOOD = ("probability", "probability_off", "deadband_sigmas")
 SECTIONS = {
     "camera": ("camera", "second_camera"),
     "targets": ("targets",),
@@ -74,7 +76,7 @@ def models() -> Mapping[str, type[BaseModel]]:
 
 @cache
 def found_tables() -> tuple[Mapping[str, Any], ...]:
-    """Return every table of the project's own configurations, short ones first: examples are taken from them."""
+    """Return every table of the configurations of `reference.toml`, short ones first: examples are taken from them."""
 
     def inside(value: object) -> Iterator[Mapping[str, Any]]:
         if isinstance(value, dict):
@@ -83,9 +85,8 @@ def found_tables() -> tuple[Mapping[str, Any], ...]:
         for part in parts:
             yield from inside(part)
 
-    files = sorted((DOCS.parent / "config").glob("*.toml"))
-    texts = [*(each.read_text(encoding="utf-8") for each in files), *GIVEN["tables"].values()]
-    return tuple(sorted((found for text in texts for found in inside(tomllib.loads(text))), key=len))
+    tables = [found for text in GIVEN["tables"].values() for found in inside(tomllib.loads(text))]
+    return tuple(sorted(tables, key=len))
 
 
 def resolve(given: Schema) -> Schema:
@@ -132,6 +133,8 @@ def guesses(name: str, key: str, given: Schema) -> Iterator[Any]:
     known = set(resolve({"$ref": f"#/$defs/{name}"})["properties"])
     yield from (found[key] for found in found_tables() if key in found and set(found) <= known)
     whole = resolve(given)
+    if "x-unit" in whole and not str(whole.get("default", "0 ")).startswith("0 "):
+        yield in_degrees(whole["default"])
     yield from whole.get("examples", ())
     yield from (each for each in whole.get("enum", ()) if each != whole.get("default"))
     if whole.get("type") == "boolean":
@@ -174,6 +177,13 @@ def example(name: str, key: str) -> dict[str, Any]:
     raise LookupError(f"reference.toml needs an example of {name}.{key}")
 
 
+def in_degrees(value: Any) -> Any:
+    """Return a quantity as people would write it: an angle that is a whole number of degrees, in degrees."""
+    radians = re.fullmatch(r"([\d.]+) rad", str(value))
+    degrees = math.degrees(float(radians[1])) if radians else 0.5
+    return f"{degrees:.0f} deg" if abs(degrees - round(degrees)) < 1e-3 else value
+
+
 def kind(given: Schema) -> str:
     """Return what kind of value it is, in a few words."""
     whole = resolve(given)
@@ -200,7 +210,7 @@ def row(name: str, key: str) -> tuple[str, str, str, str]:
     """Return the row of a key."""
     table_of = schema()["$defs"][name]
     prop = resolve(table_of["properties"][key])
-    default = f"; default `{as_toml(prop['default'])}`" if "default" in prop else ""
+    default = f"; default `{as_toml(in_degrees(prop['default']))}`" if "default" in prop else ""
     needed = "; **needed**" if key in table_of.get("required", ()) else ""
     shown = f"`{key} = {as_toml(example(name, key)[key])}`"
     return f"`{key}`", prop.get("description", ""), kind(table_of["properties"][key]) + default + needed, shown
@@ -216,7 +226,11 @@ def words_of(name: str) -> str:
 def section(name: str, path: str, shown: set[str], depth: int = 3) -> Iterator[str]:
     """Yield a table of keys, and the tables inside it, each once on a page."""
     properties = schema()["$defs"][name]["properties"]
-    yield table(COLUMNS, [row(name, each) for each in properties])
+    likely = [each for each in properties if each in LIKELIHOOD]
+    yield table(COLUMNS, [row(name, each) for each in properties if each not in likely])
+    if likely:
+        words = ", ".join(f"`{each}` (default {properties[each].get('default')})" for each in likely)
+        yield f"Also {words}, as for a distance."
     for key in properties:
         yield from inner_sections(name, key, path, shown, depth)
 
@@ -252,9 +266,9 @@ def drivers_page(part: str, shown: set[str]) -> Iterator[str]:
     if several:
         rows = {each[:3]: each for rows in said.values() for each in rows.values() if each[:3] in several}
         of = {key: [name for name, rows in said.items() if key in {each[:3] for each in rows.values()}] for key in rows}
-        names = {key: ", ".join(f"`{name}`" for name in of[key]) for key in rows}
+        drivers = {key: ", ".join(f"`{name}`" for name in of[key]) for key in rows}
         yield f"### Keys of several drivers of `[{path}]`"
-        yield table((*COLUMNS, "drivers"), [(*each, names[key]) for key, each in rows.items()])
+        yield table((*COLUMNS, "drivers"), [(*each, drivers[key]) for key, each in rows.items()])
     for driver, keys in own.items():
         mine = {key for key in keys if said[driver][key][:3] not in several}
         yield f'### `{sort.key} = "{driver}"`\n\n{schema()["$defs"][f"{part}.{driver}"]["description"]}'

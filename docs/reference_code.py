@@ -241,7 +241,7 @@ def metrics_page() -> Iterator[str]:
     """Yield each metric of a run in which everything is known."""
     with tempfile.TemporaryDirectory() as folder, metered_run(Path(folder)) as run:
         run.cycle(rules=(RuleTrace(rule="near", status=RuleStatus.IDLE, active=False),))
-        text = exposition(run.metrics()).decode()  # type: ignore[arg-type]
+        text = exposition(run.metrics()).decode()
     rows = []
     for family in text_string_to_metric_families(text):
         labels = sorted({label for each in family.samples for label in each.labels})

@@ -203,7 +203,10 @@ class BaseTable(Section):
 
 
 class SensorTable(Section):
-    """The keys that every range sensor has, whatever its driver. Rules may name it as a target."""
+    """The keys that every range sensor has, whatever its driver. Rules may name it as a target.
+
+    Ultrasound misses what is soft or slanted, a laser what is black or of glass: a sensor does not replace a bumper.
+    """
 
     bearing: units.Angle = 0.0
     """In radians; where it looks, positive to the right of the camera."""
@@ -234,7 +237,11 @@ STOP = OperatorAction.STOP_OUTPUTS.value
 
 
 class ButtonTable(Section):
-    """The keys that every button has, whatever its driver: what it asks of alarms, or of every output."""
+    """The keys that every button has, whatever its driver: what it asks of alarms, or of every output.
+
+    A press acts when the button is let go; `stop-outputs` does so as soon as it is down. A button is no emergency stop,
+    which cuts the supply.
+    """
 
     press: ButtonAction = "acknowledge"
     """What a short press does, when it is let go; but `stop-outputs` as soon as it is down."""
@@ -299,7 +306,7 @@ class TrackingTable(Section):
     acceleration_mps2: units.Acceleration = Field(default=_TRACKING.acceleration_mps2, alias="acceleration")
     """How abruptly targets change their speed."""
     autocorrelation: Annotated[float, Field(ge=0, lt=1)] = _TRACKING.autocorrelation
-    """Of the measurement noise from one frame to the next."""
+    """How much the noise of a frame is like that of the frame before, at most."""
     confirm_frames: Annotated[int, Field(ge=1)] = _TRACKING.confirm_frames
     """How many frames a new target must be measured in."""
     coast_s: units.Duration = Field(default=_TRACKING.coast_s, alias="coast")
@@ -325,7 +332,7 @@ class SafetyTable(Section):
     """Whether the picture must flow while the base drives. False for a camera that does not ride on the base."""
 
     watchdog: DurationAboveZero | None = None
-    """In seconds; by default 0.7 s more than the longest lease."""
+    """A program whose outputs act on older data hangs, and is ended; by default 0.7 s beyond the longest lease."""
 
     def to_plan(self) -> plan.Safety:
         """Return the section as the core sees it."""

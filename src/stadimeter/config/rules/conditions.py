@@ -550,7 +550,7 @@ class TimeTable(Section):
     """A condition on the time of day, local time."""
 
     between: Annotated[list[Hour], Field(min_length=2, max_length=2)]
-    """The beginning first, each by the clock, or by the sun of the place; over midnight if the end is earlier."""
+    """From the first time to the second, over midnight if that is earlier; also `"sunset + 30 min"` with `[place]`."""
     days: Annotated[list[Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]], Field(min_length=1)] | None = None
     """The days on which it begins; every day if left out."""
     dates: Annotated[list[Dates], Field(min_length=1, max_length=100)] | None = None

@@ -277,7 +277,7 @@ class FollowTable(Section):
     linear_max_mps: Speed = Field(default=_FOLLOW.linear_max_mps, alias="max_speed")
     """No faster forwards."""
     reverse_max_mps: Speed = Field(default=_FOLLOW.reverse_max_mps, alias="max_reverse_speed")
-    """In m/s, backwards; 0 never reverses."""
+    """No faster backwards; 0 never reverses. Nothing sees behind the robot."""
     angular_max_radps: TurnRate = Field(default=_FOLLOW.angular_max_radps, alias="max_turn_rate")
     """No faster in turning."""
     deadband_m: LengthOrZero = Field(default=_FOLLOW.deadband_m, alias="deadband")
@@ -518,7 +518,7 @@ class RuleTable(Section):
     priority: int = _RULE.priority
     """Of several rules that ask something of one output, the highest wins."""
     severity: Annotated[Severity, Field(strict=False)] = _RULE.severity
-    """How much its events matter."""
+    """How much its events matter. A `safety` rule acts at once, and nothing inhibits it."""
     lost: LostTable = Field(default_factory=LostTable)
     """What it does without its target."""
     observe: bool = _RULE.observe
@@ -534,7 +534,7 @@ class RuleTable(Section):
     at: TimesOfDay | None = None
     """In seconds since midnight; sends a message at this time of day, or at each of several."""
     on_delay: OnDelay | None = None
-    """How long a condition must hold first; in seconds or in frames. None for the default."""
+    """How long a condition must hold first; by default 3 of 5 frames, or no time where it has a probability."""
     off_delay: Duration = _ALARM.off_delay_s
     """How long it must no longer hold; in seconds."""
     level: Share = _ALARM.level
@@ -550,9 +550,9 @@ class RuleTable(Section):
     realarm: DurationAboveZero | None = None
     """After being active for this long, in seconds, it is reported again; None for never."""
     cooldown: Duration | None = None
-    """The least time between two notifications, in seconds. None for the default."""
+    """The least time between two notifications, by default 10 s, and none for `safety`. Outputs are not delayed."""
     shelve_max: Duration | None = None
-    """The longest time that it can be shelved for, in seconds; 0 forbids it. None for the default."""
+    """The longest time that it can be shelved for, by default 8 h; 0 forbids it."""
     raises_per_min_max: Annotated[int, Field(ge=0, le=1000)] | Literal["off"] = _ALARM.raises_per_min_max
     """An alarm that came this often within a minute chatters: it stays active until it has calmed down. 0 or "off" for
     no such limit."""
