@@ -7,6 +7,7 @@ import inspect
 import itertools
 import re
 import tempfile
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -29,8 +30,9 @@ from stadimeter.workbench.setup.recipes import driver_blanks, load_recipes
 from stadimeter.workbench.setup.target import offered_kinds
 from support.metered_run import metered_run
 from support.observing import Rehearsal
-from support.two_rules import NEAR, rehearse
+from support.two_rules import NEAR, plan_of
 
+SHARED = "Options of several commands"
 SOURCE = Path(__file__).parent.parent / "src" / "stadimeter"
 NOON = "2026-06-01T12:00:00.000+00:00"
 
@@ -47,39 +49,49 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def commands_page() -> Iterator[str]:
-    """Yield each command: what it does, what follows it, and an example."""
+    """Yield each command: what it does, an example, and its options; those of several commands once."""
     group: Any = typer.main.get_command(app)
-    for panel, names in PANELS.items():
+    found = {
+        panel: [one for name in names for one in _below(f"stadimeter {name}", group.load(name))]
+        for panel, names in PANELS.items()
+    }
+    counts = Counter(row for commands in found.values() for _, command in commands for row in _options(command))
+    yield from (f"## {SHARED}", table(("option", "what it does"), [row for row, count in counts.items() if count > 1]))
+    for panel, commands in found.items():
         yield f"## {panel}"
-        for name in names:
-            yield from _command(f"stadimeter {name}", group.load(name))
+        for path, command in commands:
+            about, *_ = (command.help or "").split("\n\n")
+            yield f"### `{path}`\n\n{' '.join(about.split())}"
+            if example := re.search(r"^- `(.*)`$", command.help or "", re.MULTILINE):
+                yield f"    {example[1]}"
+            rows = _options(command)
+            if own := [row for row in rows if counts[row] == 1]:
+                yield table(("option", "what it does"), own)
+            if shared := [row[0].strip("`").split()[0].rstrip(",") for row in rows if counts[row] > 1]:
+                yield f"{SHARED}: {', '.join(f'`{each}`' for each in shared)}."
 
 
-def _command(path: str, command: Any) -> Iterator[str]:
-    about, *_ = (command.help or "").split("\n\n")
-    yield f"### `{path}`\n\n{' '.join(about.split())}"
-    if hasattr(command, "commands"):
-        for name, each in command.commands.items():
-            if not each.hidden:
-                yield from _command(f"{path} {name}", each)
-        return
-    if example := re.search(r"^- `(.*)`$", command.help or "", re.MULTILINE):
-        yield f"    {example[1]}"
-    rows = [
-        (f"`{', '.join(each.opts) if each.param_type_name == 'option' else each.metavar or each.name}`", _about(each))
-        for each in command.params
-        if each.name != "help" and not getattr(each, "hidden", False)
-    ]
-    if rows:
-        yield table(("option", "what it does"), rows)
+def _below(path: str, command: Any) -> Iterator[tuple[str, Any]]:
+    """Yield a command with its path, and those of a group."""
+    yield path, command
+    for name, each in getattr(command, "commands", {}).items():
+        if not each.hidden:
+            yield from _below(f"{path} {name}", each)
 
 
-def _about(parameter: Any) -> str:
-    """Return the line on an option, with its default."""
-    default = parameter.default
+def _options(command: Any) -> list[tuple[str, str]]:
+    """Return the arguments and options of a command, each with one line."""
+    given = [each for each in command.params if each.name != "help" and not getattr(each, "hidden", False)]
+    return [_option(each) for each in given if getattr(each, "help", "")]
+
+
+def _option(parameter: Any) -> tuple[str, str]:
+    is_option, default = parameter.param_type_name == "option", parameter.default
+    name = ", ".join(parameter.opts) if is_option else parameter.metavar or parameter.name
+    takes = f" {parameter.metavar}" if is_option and parameter.metavar else ""
+    words, *_ = re.split(r"(?<=[a-z)])\. (?=[A-Z])", getattr(parameter, "help", "") or "")
     is_shown = isinstance(default, str | int | float) and not isinstance(default, bool) and default != ""
-    metavar = f"`{parameter.metavar}`: " if parameter.param_type_name == "option" and parameter.metavar else ""
-    return f"{metavar}{getattr(parameter, 'help', '') or ''}{f' Default: `{default}`.' if is_shown else ''}"
+    return f"`{name}{takes}`", words.rstrip(".") + (f"; default {default}" if is_shown else "") + "."
 
 
 # Findings -------------------------------------------------------------------------------------------------------------
@@ -213,7 +225,7 @@ def documented(module: Any) -> Mapping[Any, str]:
 def _messages() -> Iterator[topics.Message]:
     """Yield messages of a run in which an alarm was raised, as they are sent."""
     reporter = Reporter(boot_id="6f1c2d0e9b7a4c35a1d2e3f405162738")
-    run: Rehearsal = rehearse(NEAR)
+    run = Rehearsal(plan_of(NEAR))
     run.see(3.0)
     run.see(0.4)
     run.see(0.4)
@@ -241,7 +253,8 @@ def metrics_page() -> Iterator[str]:
     """Yield each metric of a run in which everything is known."""
     with tempfile.TemporaryDirectory() as folder, metered_run(Path(folder)) as run:
         run.cycle(rules=(RuleTrace(rule="near", status=RuleStatus.IDLE, active=False),))
-        text = exposition(run.metrics()).decode()
+        families: Any = run.metrics()
+        text = exposition(families).decode()
     rows = []
     for family in text_string_to_metric_families(text):
         labels = sorted({label for each in family.samples for label in each.labels})
