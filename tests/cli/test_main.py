@@ -101,10 +101,13 @@ def test_the_list_of_commands_says_what_the_command_says_itself():
         assert own == summary
 
 
-def test_the_help_lists_what_is_needed_first_and_with_all_every_command_in_groups():
-    shown = CliRunner().invoke(app, ["--help"]).output
-    assert [name for name in LISTED if f"│ {name} " in shown] == [*PANELS["Start here"]]
-    assert "stadimeter help --all" in shown
+def test_the_help_lists_what_is_needed_first_on_one_screen_and_with_all_every_command_in_groups():
+    for words in [[], ["--help"]]:
+        shown = CliRunner().invoke(app, words).output
+        assert [name for name in LISTED if f"\n  {name} " in shown] == [*PANELS["Start here"]]
+        assert "stadimeter help --all" in shown
+        assert len(shown.splitlines()) <= 24
+        assert max(map(len, shown.splitlines())) <= 80
     shown = CliRunner().invoke(app, ["help", "--all"]).output
     assert [name for name in LISTED if f"│ {name} " in shown] == LISTED
     assert [heading for heading in PANELS if f"─ {heading} ─" in shown] == [*PANELS]

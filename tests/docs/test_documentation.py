@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import ast
-import importlib
 import itertools
 import os
-import pkgutil
 import re
 import shlex
 import subprocess
@@ -16,14 +13,10 @@ from pathlib import Path
 
 import pytest
 import typer
-from pydantic import BaseModel
 
 from stadimeter.cli.main import app
-from stadimeter.config import models as config_models
-from stadimeter.config import rule_test_tables, rules
 from stadimeter.config.camera_file import stereo_file_text
 from stadimeter.config.loader import load_configuration
-from stadimeter.core import templates
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
 from stadimeter.errors import ConfigError
@@ -47,17 +40,6 @@ WRONG = re.compile(r"^<!-- wrong on purpose -->\n(?:<!-- .*? -->\n)?```\w+\n.*?^
 CODE = re.compile(r"`([^`]*)`")
 IN_A_SENTENCE = re.compile(r"(?:[a-z ]+ )?stadimeter ([a-z].*)", re.DOTALL)
 LINK = re.compile(r"\]\(([^)#]+?)(?:#[^)]*)?\)")
-
-
-def tables():
-    """Return the tables that people may write: their names, and the keys of each."""
-    modules = [config_models, rule_test_tables]
-    modules += [
-        importlib.import_module(each.name) for each in pkgutil.iter_modules(rules.__path__, f"{rules.__name__}.")
-    ]
-    found = {each for module in modules for each in vars(module).values() if isinstance(each, type)}
-    ours = (each for each in found if issubclass(each, BaseModel) and each.__module__.startswith("stadimeter.config"))
-    return {each.__name__: {field.alias or name for name, field in each.model_fields.items()} for each in ours}
 
 
 def blocks(language):
@@ -89,43 +71,6 @@ def test_every_configuration_that_is_shown_can_be_loaded(tmp_path):
             if first_target != "ball":
                 failures[block] = f"its first target is {first_target}"
     assert failures == {}
-
-
-def words_shown():
-    """Return every word that stands in backquotes or in a configuration of the reference."""
-    pages = [(ROOT / "docs" / name).read_text() for name in ("configuration.md", "configuration-rules.md")]
-    shown = [span for page in pages for span in re.findall(r"`([^`\n]+)`", page)]
-    shown += [block for page in pages for kind, block in FENCE.findall(page) if kind == "toml"]
-    return set(re.findall(r"[a-z_]+", " ".join(shown)))
-
-
-def test_the_reference_names_every_key_of_a_table():
-    shown = words_shown()
-    missing = {table: keys - shown for table, keys in tables().items()}
-    assert {table: keys for table, keys in missing.items() if keys} == {}
-
-
-def test_the_reference_names_every_field_of_a_template():
-    assert set(templates.FIELDS) <= words_shown()
-
-
-def test_the_list_of_checks_names_every_code():
-    shown = set(re.findall(r"`([a-z-]+)`", (ROOT / "docs" / "checks.md").read_text()))
-    assert codes_in_the_source() - shown == set()
-
-
-def codes_in_the_source():
-    """Return every code that a finding is made with where it stands in the source as it is."""
-    texts = (source.read_text() for source in (ROOT / "src" / "stadimeter").rglob("*.py"))
-    calls = (
-        node
-        for text in texts
-        if "Finding(" in text or "Problem(" in text
-        for node in ast.walk(ast.parse(text))
-        if isinstance(node, ast.Call) and getattr(node.func, "id", "") in {"Finding", "Problem"}
-    )
-    given = [[*call.args[3:4], *(word.value for word in call.keywords if word.arg == "code")] for call in calls]
-    return {each.value for codes in given for each in codes if isinstance(each, ast.Constant) and each.value}
 
 
 def lines_typed(text):

@@ -155,14 +155,18 @@ def test_figures_that_go_on_changing_are_not_read_aloud(browser, moving, view):
         assert len(page.evaluate("window.spoken")) <= 2  # an alarm that comes or goes
 
 
+FITS = f"""[".picture", ".chart", ".rules", ".output", ".output ~ .output"].every((part) => {{
+    const shown = document.querySelector(part);
+    return shown && shown.getBoundingClientRect().bottom <= {DESKTOP[1]};
+}})"""
+
+
 def test_picture_chart_rules_and_outputs_are_on_the_first_screen_of_a_laptop(browser, moving):
     with tab(browser) as page:
         opened(page, moving)
         page.locator("canvas[data-drawn]").wait_for()
         page.locator(".chart .uplot").wait_for()
-        for part in (".picture", ".chart", ".rules", ".output >> nth=0", ".output >> nth=1"):
-            box = page.locator(part).bounding_box()
-            assert box["y"] + box["height"] <= DESKTOP[1], (part, page.inner_text("#banners"))
+        until(page, FITS)  # a banner of a late frame, as a busy computer has them, makes room again when it goes
 
 
 PLACES = """async () => {

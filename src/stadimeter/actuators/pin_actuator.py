@@ -71,7 +71,7 @@ class PinActuator(ABC):
 
 
 class LedOptions(OutputPinOptions):
-    """The table of a lamp in the configuration."""
+    """The options of a lamp."""
 
     verb: ClassVar = "lights"
     circuit: ClassVar = "led"
@@ -95,7 +95,7 @@ class LedOptions(OutputPinOptions):
 
 
 class RelayOptions(OutputPinOptions):
-    """The table of a relay in the configuration."""
+    """The options of a relay."""
 
     verb: ClassVar = "switches on"
     circuit: ClassVar = "relay"
@@ -178,7 +178,7 @@ class BeepPattern:
 
 
 class BuzzerOptions(OutputPinOptions):
-    """The table of a buzzer in the configuration."""
+    """The options of a buzzer."""
 
     verb: ClassVar = "buzzes"
     circuit: ClassVar = "buzzer"
@@ -216,7 +216,7 @@ class GpiozeroBuzzer(PinActuator):
 
 
 class VibrationMotorOptions(OutputPinOptions):
-    """The table of a vibration motor in the configuration."""
+    """The options of a vibration motor."""
 
     verb: ClassVar = "vibrates"
     circuit: ClassVar = "motor"

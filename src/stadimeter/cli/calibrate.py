@@ -567,7 +567,7 @@ calibrate = typer.Typer(no_args_is_help=True)
 
 @calibrate.callback()
 def _calibrate() -> None:
-    """Find out a camera's focal length, write its camera file, and check it; or how large a thing is."""
+    """Find a camera's focal length, or how large a target is."""
 
 
 _PATH_AT_DISTANCE = typer.Argument(

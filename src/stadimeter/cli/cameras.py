@@ -32,7 +32,7 @@ def cameras(
     ] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON array, for programs.")] = False,
 ) -> None:
-    """List the cameras on this computer, each by the path that stays right.
+    """List the cameras on this computer, each by a path that survives reboots.
 
     A number such as 0 means another camera as soon as one is plugged in elsewhere; the path that is listed does not.
     Beside it are the pixel formats, sizes and frame rates, and the lines to paste into a configuration.
@@ -136,7 +136,7 @@ def snapshot(
     ] = "1s",
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for each picture.")] = False,
 ) -> None:
-    """Take a picture with exactly the settings that `run` uses.
+    """Take a picture with the settings that `run` uses.
 
     Focus and exposure are those of the configuration, so the picture shows what `run` will see, and it can calibrate
     the camera. A photograph by another program may have another focus, another zoom and another size, and therefore

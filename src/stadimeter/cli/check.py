@@ -46,7 +46,7 @@ def check(
         bool, typer.Option("--schema", help="Print a JSON Schema of configurations instead, for editors.")
     ] = False,
 ) -> None:
-    """Check a configuration: print every error in one pass, or say in words what it does.
+    """Name every mistake in a configuration, or say what it does.
 
     Finds values that cannot be read, names that stand for nothing, and rules that contradict each other: conditions
     that never hold, rules that always lose their output, rules that suppress themselves, rules that are too late for

@@ -43,7 +43,7 @@ def colour(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Find out the range of colours of a ball, from a picture and a place in it.
+    """Find the range of a ball's colours, from a picture and a place in it.
 
     Point at the ball with --at, as a picture viewer shows the place under the pointer: x to the right and y down.
     Without a place, the roundest thing with a colour of its own is proposed. Several places on the ball join into one

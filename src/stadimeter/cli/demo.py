@@ -48,7 +48,7 @@ def demo(
     speed: Speed = 1.0,
     unit: Unit = "m",
 ) -> None:
-    """Watch a simulated ball being measured, followed and reported. Needs no hardware.
+    """Watch a simulated ball being measured and followed. No hardware.
 
     A ball rolls through a simulated room. A camera on a simulated robot measures its distance in the pictures that it
     takes. Rules drive a vibration motor, a buzzer and the robot's base (through real serial bytes to an emulated

@@ -54,7 +54,7 @@ doctor = typer.Typer(cls=_Doctor, rich_markup_mode="markdown")
 
 @doctor.callback()
 def _doctor() -> None:
-    """Find what keeps stadimeter from working on this computer, with one remedy for each.
+    """Find what keeps stadimeter from working here, with remedies.
 
     `stadimeter doctor` examines the computer; `stadimeter doctor CONFIG` looks at what that names. `stadimeter doctor
     models` examines a neural network.
@@ -72,7 +72,7 @@ def computer(
         bool, typer.Option("--json", help="Print one JSON object, for programs and for reports of errors.")
     ] = False,
 ) -> None:
-    """Find what keeps stadimeter from working on this computer, with one remedy for each.
+    """Find what keeps stadimeter from working here, with remedies.
 
     Looks at the board (supply, heat, clock, disk), the libraries, groups, cameras, pins and serial ports, the
     configuration with its broker, the service and the watchdogs. Reads only: no picture is taken, no pin is driven, and

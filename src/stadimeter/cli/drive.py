@@ -232,7 +232,7 @@ _ANSWERS = {
 
 
 def drive(config: ConfigArgument = None, *, as_json: JsonOption = False) -> None:
-    """Turn each wheel of a robot a little, to learn which motor drives it, and which way.
+    """Turn each wheel of a robot a little, to see which motor drives it, and which way.
 
     Put the robot on something first, so that its wheels turn freely. Then one motor turns for a second at a time,
     gently at first, and you say which wheel that was. Motors that are driven by duty get their least duty and their

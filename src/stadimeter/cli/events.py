@@ -20,7 +20,7 @@ def events(
     lines: Annotated[int, typer.Option("--lines", "-n", min=1, metavar="N", help="How many lines, the newest.")] = 50,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a line.")] = False,
 ) -> None:
-    """Print what the rules and faults of the service did, and when.
+    """Print what happened, and when: alarms, faults, orders.
 
     The service keeps this log for months, in five files of 1 MB at most. A question mark behind a time says that no
     time server vouched for the clock then. Events of rules are up to a minute old before they are in the log.

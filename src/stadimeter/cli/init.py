@@ -60,7 +60,7 @@ def init(
         ),
     ] = "",
 ) -> None:
-    """Write a first configuration: asks for camera, target and what shall happen, one thing at a time.
+    """Write your first configuration, one question at a time.
 
     Shows what it found, and has an answer ready, in brackets, which Enter takes. What is sure, such as the only camera,
     is shown and not asked. `back` goes back to what was answered or shown last. Ctrl-C leaves; each answer is saved

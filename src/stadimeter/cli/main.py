@@ -22,43 +22,58 @@ SLOW_START_S = 1.0
 # The first sentence of the help of each command, by heading. Those of the first heading are shown first.
 PANELS: Mapping[str, Mapping[str, str]] = {
     "Start here": {
-        "demo": "Watch a simulated ball being measured, followed and reported. Needs no hardware.",
-        "init": "Write a first configuration: asks for camera, target and what shall happen, one thing at a time.",
+        "demo": "Watch a simulated ball being measured and followed. No hardware.",
+        "init": "Write your first configuration, one question at a time.",
         "run": "Measure, decide and act, until stopped.",
-        "measure": "Measure how far away a target is in pictures, in videos, or before a camera.",
-        "calibrate": "Find out a camera's focal length, write its camera file, and check it; or how large a thing is.",
-        "check": "Check a configuration: print every error in one pass, or say in words what it does.",
+        "measure": "Measure how far away a target is: in pictures, or before a camera.",
+        "calibrate": "Find a camera's focal length, or how large a target is.",
+        "check": "Name every mistake in a configuration, or say what it does.",
         "explain": "Explain why a rule acts, or why it does not.",
-        "doctor": "Find what keeps stadimeter from working on this computer, with one remedy for each.",
+        "doctor": "Find what keeps stadimeter from working here, with remedies.",
     },
     "Measure and calibrate": {
-        "cameras": "List the cameras on this computer, each by the path that stays right.",
-        "snapshot": "Take a picture with exactly the settings that `run` uses.",
-        "colour": "Find out the range of colours of a ball, from a picture and a place in it.",
-        "site": "Certify how right distances are at this place, and see whether the camera is still where it was.",
+        "cameras": "List the cameras on this computer, each by a path that survives reboots.",
+        "snapshot": "Take a picture with the settings that `run` uses.",
+        "colour": "Find the range of a ball's colours, from a picture and a place in it.",
+        "site": "Check how right distances are at this place, and whether the camera has moved.",
         "print": "Make tags, boards and discs to print, at true scale.",
     },
     "Rules": {
-        "drive": "Turn each wheel of a robot a little, to learn which motor drives it, and which way.",
-        "wiring": "Draw what hangs on which pin of the Raspberry Pi, from a configuration.",
+        "drive": "Turn each wheel of a robot a little, to see which motor drives it, and which way.",
+        "wiring": "Draw which part is on which pin of the Raspberry Pi.",
         "test": "Run the tests of a configuration. Nothing is opened and nothing moves.",
         "replay": "Run rules over a recording. Nothing is opened and nothing moves.",
-        "tune": "Find thresholds, delays and deadband of an alarm by recordings, and say what each would have done.",
+        "tune": "Find an alarm's threshold, delays and deadband from recordings.",
     },
     "Operate a running instance": {
-        "stop": "Put every output of a running instance at its safe value, until `stadimeter outputs release`.",
-        "outputs": "Stop, release, arm or disarm the outputs of a running instance, or make them safe where none runs.",
-        "status": "Print the state of every rule of a running instance, and the reason.",
-        "events": "Print what the rules and faults of the service did, and when.",
-        "alarm": "Acknowledge, reset or shelve an alarm of a running instance, and more.",
-        "reload": "Apply the edited configuration of a running instance without a restart, if it passes `check`.",
-        "record": "Have a running instance record with pictures: from now on, or as a clip of the seconds around now.",
-        "web": "Serve a page on which a browser sees, sets up and operates a run.",
+        "stop": "Put every output at its safe value, until `stadimeter outputs release`.",
+        "outputs": "Stop, release, arm or disarm outputs, or make them safe where no instance runs.",
+        "status": "Print the state of every rule, and the reason.",
+        "events": "Print what happened, and when: alarms, faults, orders.",
+        "alarm": "Acknowledge, reset or shelve an alarm.",
+        "reload": "Apply the edited configuration without a restart, if it passes `check`.",
+        "record": "Record with pictures: from now on, or a clip of the seconds around now.",
+        "web": "Serve a page for your browser: see, set up and operate a run.",
         "fleet": "Show every device at a broker, and one list of standing alarms.",
     },
-    "Help": {"help": "Print the help of a command, or the list of commands: with --all every one."},
+    "Help": {"help": "Print the help of a command, or with --all the list of every command."},
 }
-FIRST = frozenset(PANELS["Start here"])
+
+SHORT_HELP = "\n".join(
+    [
+        "Turn a camera into a rangefinder that acts. Usage: stadimeter COMMAND [OPTIONS]",
+        "",
+        *(f"  {name:9}  {summary}" for name, summary in PANELS["Start here"].items()),
+        "",
+        "New here?              stadimeter demo, then stadimeter init",
+        "Every command:         stadimeter help --all",
+        "About one command:     stadimeter help measure",
+        "Stop what moves:       stadimeter stop",
+        "In your browser:       stadimeter web",
+        "Version:               stadimeter --version",
+        "Complete commands:     stadimeter --install-completion",
+    ]
+)
 
 # The module and the function (or group) of a command, where it has not the command's name twice.
 _PLACES = {
@@ -97,7 +112,7 @@ class Commands(TyperGroup):
 
     def __init__(self, **how: Any) -> None:
         super().__init__(**how)
-        self.shows_all = self._shows_first = False
+        self.shows_all = False
         self._panels = {name: panel for panel, commands in PANELS.items() for name in commands}
         for name, panel in self._panels.items():
             self._add(TyperCommand(name, help=PANELS[panel][name], rich_markup_mode=self.rich_markup_mode), panel)
@@ -106,15 +121,12 @@ class Commands(TyperGroup):
         command.rich_help_panel = panel
         self.add_command(command)
 
-    def list_commands(self, ctx: Any) -> list[str]:
-        """Return the commands that are shown: those for the first hour, unless all are asked for."""
-        return [name for name in super().list_commands(ctx) if name in FIRST or not self._shows_first]
-
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Print the help, with the commands for the first hour, or with all of them."""
-        self._shows_first = not self.shows_all
-        super().format_help(ctx, formatter)
-        self._shows_first = False
+        """Print the commands for the first hour, on one screen; with ``--all`` every command, as the others are."""
+        if self.shows_all:
+            super().format_help(ctx, formatter)
+        else:
+            typer.echo(SHORT_HELP)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Load the command that is called, and let the group go on with it."""
@@ -168,10 +180,6 @@ def _stadimeter(
 
     Watches an object of known size (a ball, a sheet of paper), measures how far away it is and how sure that is, and
     lets rules turn distance into action: vibrate, beep, follow, alert.
-
-    Start with `stadimeter demo`, which needs no hardware. Then find out the `colour` of your ball, `calibrate` the
-    camera with one picture at a known distance, `measure` some pictures, `check` a configuration and `run` it.
-    `stadimeter help --all` lists every command, and `stadimeter stop` stops what moves.
     """
 
 
@@ -182,7 +190,7 @@ def show_help(
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="List every command, by what it is for.")] = False,
 ) -> None:
-    """Print the help of a command, or the list of commands: with --all every one.
+    """Print the help of a command, or with --all the list of every command.
 
     **Examples**
 

@@ -230,7 +230,7 @@ def measure(
     where: bool = False,
     explain: bool = False,
 ) -> None:
-    """Measure how far away a target is in pictures, in videos, or before a camera.
+    """Measure how far away a target is: in pictures, or before a camera.
 
     Needs the target's size, and a camera file from `stadimeter calibrate distance` for the camera that took the
     pictures. A camera file fits every resolution of the same aspect.

@@ -39,7 +39,7 @@ WhyOption = Annotated[str, typer.Option("--why", metavar="TEXT", help="Why; it i
 CHECK_WAIT_S = 60.0
 
 ALARM_ACTIONS = {action.command: action for action in OperatorAction if not action.is_on_outputs}
-ALARM_HELP = f"""Acknowledge, reset or shelve an alarm of a running instance, and more.
+ALARM_HELP = f"""Acknowledge, reset or shelve an alarm.
 
 Names a rule of the configuration, or says `--all`. It is recorded who gave the command, when and why. ACTION is one of
 
@@ -123,7 +123,7 @@ def outputs(
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Stop, release, arm or disarm the outputs of a running instance, or make them safe where none runs.
+    """Stop, release, arm or disarm outputs, or make them safe where no instance runs.
 
     ACTION is one of
 
@@ -174,7 +174,7 @@ def stop(
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Put every output of a running instance at its safe value, until `stadimeter outputs release`.
+    """Put every output at its safe value, until `stadimeter outputs release`.
 
     The same as `stadimeter outputs stop`, whose help says more. If several instances run and none is named, all are
     stopped: a stop does not wait for an answer.
@@ -222,7 +222,7 @@ def record(
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Have a running instance record with pictures: from now on, or as a clip of the seconds around now.
+    """Record with pictures: from now on, or a clip of the seconds around now.
 
     A recording goes on until `--stop`, or until it is an hour long. `--clip` needs `[black_box]` in the configuration,
     which says how many seconds; while a clip is under way already, that one becomes longer. Both are recordings like
@@ -278,7 +278,7 @@ def confirm(
 
 
 def reload(config: ConfigOption = None, socket: SocketOption = None, as_json: JsonOption = False) -> None:
-    """Apply the edited configuration of a running instance without a restart, if it passes `check`.
+    """Apply the edited configuration without a restart, if it passes `check`.
 
     If anything is wrong with the file, nothing changes. Rules that mean the same as before keep their state: an alarm
     stays active, acknowledged or shelved. A changed rule starts afresh, and the alarm of a removed rule clears.
@@ -300,7 +300,7 @@ def reload(config: ConfigOption = None, socket: SocketOption = None, as_json: Js
 
 
 def status(config: ConfigOption = None, socket: SocketOption = None, as_json: JsonOption = False) -> None:
-    """Print the state of every rule of a running instance, and the reason.
+    """Print the state of every rule, and the reason.
 
     The first line names its configuration, how long ago that was loaded, and whether the file has changed since.
 

@@ -204,7 +204,7 @@ def wiring(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Draw what hangs on which pin of the Raspberry Pi, from a configuration.
+    """Draw which part is on which pin of the Raspberry Pi.
 
     Shows the 40 pins of the header, those that the configuration uses, and the circuit of each part: a motor or a
     buzzer on a transistor, an LED with its resistor, a relay board, a button. Warns of pins that the Pi itself uses.

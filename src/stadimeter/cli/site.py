@@ -37,7 +37,7 @@ site = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
 
 @site.callback()
 def _site() -> None:
-    """Certify how right distances are at this place, and see whether the camera is still where it was."""
+    """Check how right distances are at this place, and whether the camera has moved."""
 
 
 @site.command()

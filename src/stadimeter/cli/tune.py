@@ -47,7 +47,7 @@ def tune_command(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object, with all alarms.")] = False,
 ) -> None:
-    """Find thresholds, delays and deadband of an alarm by recordings, and say what each would have done.
+    """Find an alarm's threshold, delays and deadband from recordings.
 
     A mark is a moment or a span, in seconds from the beginning of its recording: the alarm should have fired there, or
     not. With marks, the settings that meet them all are shown, those first that change the fewest other alarms, and the

@@ -74,7 +74,7 @@ def web(
     password_file: PasswordPath = None,
     socket: SocketFile = None,
 ) -> None:
-    """Serve a page on which a browser sees, sets up and operates a run.
+    """Serve a page for your browser: see, set up and operate a run.
 
     The page is a process of its own. It asks the run at its control socket, and offers to start one if there is none.
     Without a password it can be reached from this computer only. What no option says is taken from `[web]` in CONFIG.
