@@ -223,9 +223,9 @@ def _lay_out(target: Target, libraries: Path, root: Path) -> None:
 
 
 def _document(target: Target, share: Path) -> None:
-    folder = share / "doc/stadimeter"
-    for page in (CHECKOUT / "docs").glob("*.md"):
-        _write(folder / page.name, page.read_text())
+    folder, docs = share / "doc/stadimeter", CHECKOUT / "docs"
+    for page in (page for pattern in ("*.md", "reference/*.md", "robots/*.md") for page in docs.glob(pattern)):
+        _write(folder / page.relative_to(docs), page.read_text())
     _point(folder / "examples", "../../stadimeter/examples")
     copyright_text = (DEPLOY / "debian/copyright").read_text()
     licence = "\n".join(f" {line or '.'}" for line in (CHECKOUT / "LICENSE").read_text().splitlines())

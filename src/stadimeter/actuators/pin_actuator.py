@@ -222,7 +222,7 @@ class VibrationMotorOptions(OutputPinOptions):
     circuit: ClassVar = "motor"
 
     frequency: Frequency = Field(default=100.0, ge=MIN_PULSES_HZ, le=10_000.0)
-    """Of the pulses. lgpio makes them in software, up to 10 kHz; the higher, the less even they are. A stop waits for
+    """Of the pulses, which lgpio makes in software, up to 10 kHz; the higher, the less even they are. A stop waits for
     the end of a pulse: 50 ms at 20 Hz."""
     minimum_duty: float = Field(default=0.4, gt=0.0, le=1.0)
     """The motor's weakest duty. Eccentric motors do not turn below 40 to 50 percent."""
