@@ -21,7 +21,7 @@ WORKERS := $(shell expr 2 \* $(CORES))
 SPREAD = -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 UNIT := tests/core tests/config tests/ranging
 
-.PHONY: help demo quick test golden prove test-long test-sample test-opencv-4.10 nightly mutants check check-javascript gate bench bench-stopping pictures wheel deb docs format format-javascript clean
+.PHONY: help demo quick test golden prove test-long test-sample test-opencv-4.10 nightly mutants check check-javascript gate bench bench-stopping pictures reference wheel deb docs format format-javascript clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -93,6 +93,9 @@ bench-stopping: $(VENV)/.dev ## end the program in every way, and time how long 
 
 pictures: $(VENV)/.dev ## make the pictures of the documentation again
 	PYTHONPATH=tests $(BIN)/python docs/pictures/make_pictures.py
+
+reference: $(VENV)/.dev ## write the pages of docs/reference/ again, from the code
+	PYTHONPATH=tests $(BIN)/python docs/make_reference.py
 
 wheel: $(VENV)/.pip ## build the wheel into dist/, for `pip install dist/stadimeter-*.whl` on another machine
 	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .

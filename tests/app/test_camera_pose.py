@@ -2,8 +2,6 @@
 
 import json
 import math
-import re
-from pathlib import Path
 
 import cv2
 import pytest
@@ -89,19 +87,6 @@ def test_a_pose_is_told_when_it_has_moved_and_every_five_seconds():
     still, gone = [POSE] * 60, [replace(POSE, position_m=(1.2, -2.0, 0.5))] * 60
     assert [at_s for at_s, _ in told(still)] == pytest.approx([0.0, 5.0])
     assert [at_s for at_s, _ in told([*still, *gone])] == pytest.approx([0.0, 5.0, 6.0, 11.0])
-
-
-def test_the_documentation_shows_the_real_form():
-    page = (Path(__file__).parents[2] / "docs" / "mqtt.md").read_text(encoding="utf-8")
-    (shown,) = (
-        json.loads(each) for each in re.findall(r"```json\n(.*?)\n```", page, re.DOTALL) if "orientation" in each
-    )
-    ((_, payload),) = told([POSE])
-    assert list(shown) == list(payload)
-    pose = CameraPose(captured_at_s=0.0, orientation=tuple(shown["orientation"]), covariance=tuple(shown["covariance"]))
-    angles = [shown[name] for name in ("yaw_rad", "tilt_rad", "roll_rad")]
-    assert pose.angles_rad == pytest.approx(angles, abs=1e-3)
-    assert len(pose.sigmas) == 6
 
 
 def test_where_a_picture_was_taken_is_json_and_goes_on_after_a_bad_picture(room):

@@ -2,10 +2,8 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Iterable
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,7 +18,7 @@ from stadimeter.core.conditions.remembered import RememberedFigure, Summary, ste
 from stadimeter.core.decide import initial_state
 from stadimeter.core.decision import Decision, Event, EventKind, Notice, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.measurement import Track, TrackStatus
-from stadimeter.core.message import OWN_TOPICS, Message, is_state
+from stadimeter.core.message import Message, is_state
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import ALWAYS, AlarmRule, EscalationStep, ReportRule, Rule, Send, Template
 from support.each_case import each_case
@@ -318,23 +316,6 @@ def test_an_event_names_the_newest_clip_of_its_rule_or_source():
     assert clips == ["a.mcap", "b.mcap", None]
 
 
-def test_the_documentation_shows_the_real_forms():
-    listener = Listener()
-    events = [happened(EventKind.RAISED), happened(EventKind.TARGET_LOST, source="ball")]
-    listener.decided(decision([ball()], [near(RuleStatus.ACTIVE)], events))
-    page = (Path(__file__).parents[2] / "docs" / "mqtt.md").read_text(encoding="utf-8")
-    shown = [json.loads(block) for block in re.findall(r"```json\n(.*?)\n```", page, re.DOTALL)]
-    shown = [payload for payload in shown if "frame_rate_hz" not in payload]  # see test_health_reports
-    alarm, system, rule, target = listener.payloads
-    shown = [payload for payload in shown if "orientation" not in payload]  # see `test_camera_pose.py`
-    shown = [payload for payload in shown if "thresholds" not in payload]  # see `test_settings_reports.py`
-    shown = [payload for payload in shown if "transaction" not in payload]  # see `scenario/test_commands_over_mqtt.py`
-    info = json.loads(listener.reporter.info("9f86").payload)
-    assert [list(payload) for payload in shown] == [
-        list(payload) for payload in (target, rule, alarm, system, info, system)
-    ]
-
-
 def test_a_rule_says_its_severity_and_says_it_again_when_a_reload_changes_only_that():
     def rules(severity: Severity) -> tuple[AlarmRule | Rule, ...]:
         return AlarmRule(name="near", target="ball", condition=FAR, severity=severity), Rule(name="go", target="ball")
@@ -353,15 +334,6 @@ def test_a_rule_says_its_severity_and_says_it_again_when_a_reload_changes_only_t
 @each_case("topic", ["information/door", "camera-alarm", "my/info"])
 def test_a_message_of_one_s_own_is_no_state_whatever_its_topic_begins_with(topic):
     assert not is_state(Message(topic=topic, payload="x", qos=1))
-
-
-def test_the_documentation_lists_every_topic_as_it_is_sent():
-    page = (Path(__file__).parents[2] / "docs" / "mqtt.md").read_text(encoding="utf-8")
-    (table,) = re.findall(r"\| topic \| QoS \| kept by the broker \| when \|\n\|[- |]+\|\n((?:\|.*\n)+)", page)
-    rows = [[cell.strip(" `") for cell in row.split("|")[1:4]] for row in table.splitlines()]
-    kept = {"yes": (True, None), "MQTT 5: for 10 s": (True, 10), "no": (False, None), "never": (False, None)}
-    found = {(re.sub("<[a-z]+>", "*", path), int(qos), *kept[words]) for path, qos, words in rows if words in kept}
-    assert found == {(each.path, each.qos, each.retain, each.expires_s) for each in OWN_TOPICS}
 
 
 def read(message: Message) -> dict[str, Any]:

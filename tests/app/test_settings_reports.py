@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
-from pathlib import Path
 from typing import Any
 
 from msgspec.structs import replace
@@ -24,17 +22,6 @@ def told_settings(reporter: Reporter, run: Rehearsal, rule: str = "near") -> lis
     found = [each for each in messages if each.topic == f"rule/{rule}/settings"]
     assert all((each.qos, each.retain) == (1, True) for each in found)
     return [json.loads(each.payload) for each in found]
-
-
-def test_the_documentation_shows_the_real_form():
-    run = rehearse(replace(NEAR, condition=DistanceCondition(below=0.5)))
-    run.see(3.0)
-    run.tell("set-threshold", "near", by="zoe", value=0.6)
-    (payload,) = told_settings(Reporter(boot_id="boot"), run)
-    page = (Path(__file__).parents[2] / "docs" / "mqtt.md").read_text(encoding="utf-8")
-    shown = [json.loads(block) for block in re.findall(r"```json\n(.*?)\n```", page, re.DOTALL)]
-    assert [list(each) for each in shown if "thresholds" in each] == [list(payload)]
-    assert payload in shown
 
 
 def test_what_is_set_of_an_alarm_is_published_at_the_start_and_when_it_changes():

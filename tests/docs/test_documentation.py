@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import ast
-import importlib
 import itertools
 import os
-import pkgutil
 import re
 import shlex
 import subprocess
@@ -14,24 +11,18 @@ import sys
 import tomllib
 from pathlib import Path
 
-import cv2
 import pytest
 import typer
-from pydantic import BaseModel
 
 from stadimeter.cli.main import app
-from stadimeter.config import models as config_models
-from stadimeter.config import rule_test_tables, rules
 from stadimeter.config.camera_file import stereo_file_text
 from stadimeter.config.loader import load_configuration
-from stadimeter.core import templates
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.measure import measure
 from stadimeter.ranging.similar_triangles import expect
-from stadimeter.workbench.rule_tests import run_rule_test
-from support.scenes.poster import poster
+from support.fragments import completed
 from support.two_cameras import BESIDE
 
 # What the documentation shows, works: every configuration loads, every command exists, every link leads somewhere.
@@ -50,33 +41,6 @@ CODE = re.compile(r"`([^`]*)`")
 IN_A_SENTENCE = re.compile(r"(?:[a-z ]+ )?stadimeter ([a-z].*)", re.DOTALL)
 LINK = re.compile(r"\]\(([^)#]+?)(?:#[^)]*)?\)")
 
-AROUND = {
-    "camera": '[camera]\ndriver = "simulated"\n',
-    "camera.model": "[camera.model]\nwidth_px = 640\nheight_px = 480\nfx_px = 600.0\nfy_px = 600.0\n"
-    "cx_px = 319.5\ncy_px = 239.5\n",
-    "targets.ball": '[targets.ball]\ndetector = "ideal"\n',
-    "actuators.motor": '[actuators.motor]\ndriver = "simulated"\n',
-    "actuators.buzzer": '[actuators.buzzer]\ndriver = "simulated"\n',
-    "actuators.light": '[actuators.light]\ndriver = "simulated"\n',
-    "base": '[base]\ndriver = "simulated"\n',
-    "world": "[world]\n",
-    "messenger": '[messenger]\ndriver = "simulated"\n',
-    "notifiers.phone": '[notifiers.phone]\ndriver = "simulated"\n',
-    "rules.near": '[rules.near]\nactuator = "buzzer"\nwhen = { below = "2 m" }\nack = "required"\n',
-}
-"""What a fragment of a configuration is put into."""
-
-
-def tables():
-    """Return the tables that people may write: their names, and the keys of each."""
-    modules = [config_models, rule_test_tables]
-    modules += [
-        importlib.import_module(each.name) for each in pkgutil.iter_modules(rules.__path__, f"{rules.__name__}.")
-    ]
-    found = {each for module in modules for each in vars(module).values() if isinstance(each, type)}
-    ours = (each for each in found if issubclass(each, BaseModel) and each.__module__.startswith("stadimeter.config"))
-    return {each.__name__: {field.alias or name for name, field in each.model_fields.items()} for each in ours}
-
 
 def blocks(language):
     """Return the blocks of all pages that are written in a language, by the page and their number there."""
@@ -86,15 +50,6 @@ def blocks(language):
         for number, (kind, text) in enumerate(FENCE.findall(ANSWERS.sub("", WRONG.sub("", page.read_text()))))
         if kind == language
     }
-
-
-def completed(fragment):
-    """Put a fragment of a configuration into a whole one, unless it brings that part itself."""
-    if "[camera]" in fragment:
-        return fragment
-    brings_rules = "[rules." in fragment
-    around = {name: table for name, table in AROUND.items() if not (brings_rules and name.startswith("rules."))}
-    return "".join(table for name, table in around.items() if f"[{name}]" not in fragment) + fragment
 
 
 def is_configuration(text):
@@ -116,61 +71,6 @@ def test_every_configuration_that_is_shown_can_be_loaded(tmp_path):
             if first_target != "ball":
                 failures[block] = f"its first target is {first_target}"
     assert failures == {}
-
-
-RECIPE = re.compile(r"^<!-- recipe -->\n```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
-RECIPES = RECIPE.findall((ROOT / "docs" / "rules.md").read_text())
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("recipe", RECIPES, ids=lambda recipe: re.search(r"rules\.(\w+)", recipe)[1])
-def test_every_recipe_keeps_what_its_tests_promise(recipe, tmp_path):
-    path = tmp_path / "recipe.toml"
-    path.write_text(completed(recipe))
-    cv2.imwrite(str(tmp_path / "poster.jpg"), poster(1))
-    (tmp_path / "stereo.toml").write_text(stereo_file_text(BESIDE))
-    configuration = load_configuration(path)
-    assert [warning.code for warning in configuration.warnings if warning.key.startswith("rules")] == []
-    results = [run_rule_test(configuration, test) for test in configuration.tests]
-    assert [(result.trouble, *result.failures) for result in results if not result.passed] == []
-    assert results
-
-
-def words_shown():
-    """Return every word that stands in backquotes or in a configuration of the reference."""
-    pages = [(ROOT / "docs" / name).read_text() for name in ("configuration.md", "configuration-rules.md")]
-    shown = [span for page in pages for span in re.findall(r"`([^`\n]+)`", page)]
-    shown += [block for page in pages for kind, block in FENCE.findall(page) if kind == "toml"]
-    return set(re.findall(r"[a-z_]+", " ".join(shown)))
-
-
-def test_the_reference_names_every_key_of_a_table():
-    shown = words_shown()
-    missing = {table: keys - shown for table, keys in tables().items()}
-    assert {table: keys for table, keys in missing.items() if keys} == {}
-
-
-def test_the_reference_names_every_field_of_a_template():
-    assert set(templates.FIELDS) <= words_shown()
-
-
-def test_the_list_of_checks_names_every_code():
-    shown = set(re.findall(r"`([a-z-]+)`", (ROOT / "docs" / "checks.md").read_text()))
-    assert codes_in_the_source() - shown == set()
-
-
-def codes_in_the_source():
-    """Return every code that a finding is made with where it stands in the source as it is."""
-    texts = (source.read_text() for source in (ROOT / "src" / "stadimeter").rglob("*.py"))
-    calls = (
-        node
-        for text in texts
-        if "Finding(" in text or "Problem(" in text
-        for node in ast.walk(ast.parse(text))
-        if isinstance(node, ast.Call) and getattr(node.func, "id", "") in {"Finding", "Problem"}
-    )
-    given = [[*call.args[3:4], *(word.value for word in call.keywords if word.arg == "code")] for call in calls]
-    return {each.value for codes in given for each in codes if isinstance(each, ast.Constant) and each.value}
 
 
 def lines_typed(text):
@@ -249,6 +149,8 @@ GUIDE_FILES = {
     for _, code in FENCE.findall(GUIDE)
     for name in re.findall(r"\A# (\S+\.(?:py|toml))$", code, re.MULTILINE)
 }
+DRIVERS = ROOT / "docs" / "drivers"
+GUIDE_FILES |= {str(file.relative_to(DRIVERS)): file.read_text() for file in sorted(DRIVERS.rglob("*.py"))}
 
 
 @pytest.fixture

@@ -86,13 +86,6 @@ def test_a_page_from_elsewhere_is_a_page_of_the_site_and_so_are_links_to_it(site
     assert 'href="appliance.html"' in (site / "deploy.html").read_text()
 
 
-def test_the_index_leads_from_a_key_to_its_section(site):
-    page = (site / "a-z.html").read_text()
-    assert re.search(r"<code>deadband</code>: <a href=\"configuration-rules.html#[a-z-]+\">", page)
-    anchor = re.search(r"<code>fault_after</code>: <a href=\"configuration-rules.html#([a-z-]+)\">", page)[1]
-    assert f'id="{anchor}"' in (site / "configuration-rules.html").read_text()
-
-
 def test_the_site_loads_nothing_from_elsewhere(site):
     loaded = re.findall(r"(?:src=|rel=\"stylesheet\" href=)\"(https?://[^\"]+)", (site / "index.html").read_text())
     assert loaded == []

@@ -1,6 +1,7 @@
 """What a broker has of a run that ends suddenly, and keeps of rules that are gone: real broker, real processes.
 
-``STADIMETER_KILLS=50 pytest tests/scenario/test_nothing_is_lost.py -m long -s`` measures the figure in docs/mqtt.md.
+``STADIMETER_KILLS=50 pytest tests/scenario/test_nothing_is_lost.py -m long -s`` measures the figure of
+docs/benchmarks/messages.md.
 """
 
 import json

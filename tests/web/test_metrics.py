@@ -25,7 +25,7 @@ from support.metered_run import metered_run
 from support.page import OPERATE, READ, quicken, served_page
 from support.programs import needs
 
-GUIDE = Path(__file__).parents[2] / "docs" / "metrics.md"
+GUIDE = Path(__file__).parents[2] / "docs" / "reference" / "metrics.md"
 
 
 @pytest.fixture

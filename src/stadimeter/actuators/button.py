@@ -12,7 +12,7 @@ from stadimeter.gpio.output_pin import PinOptions, plain_words, shared_pin_facto
 
 
 class ButtonOptions(PinOptions):
-    """The table of a button in the configuration. It joins its pin to ground; the Pi's own resistor pulls that up."""
+    """The options of a button. It joins its pin to ground; the Pi's own resistor pulls that up."""
 
     circuit: ClassVar = "button"
 

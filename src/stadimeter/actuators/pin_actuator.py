@@ -71,7 +71,7 @@ class PinActuator(ABC):
 
 
 class LedOptions(OutputPinOptions):
-    """The table of a lamp in the configuration."""
+    """The options of a lamp."""
 
     verb: ClassVar = "lights"
     circuit: ClassVar = "led"
@@ -95,7 +95,7 @@ class LedOptions(OutputPinOptions):
 
 
 class RelayOptions(OutputPinOptions):
-    """The table of a relay in the configuration."""
+    """The options of a relay."""
 
     verb: ClassVar = "switches on"
     circuit: ClassVar = "relay"
@@ -178,7 +178,7 @@ class BeepPattern:
 
 
 class BuzzerOptions(OutputPinOptions):
-    """The table of a buzzer in the configuration."""
+    """The options of a buzzer."""
 
     verb: ClassVar = "buzzes"
     circuit: ClassVar = "buzzer"
@@ -216,13 +216,13 @@ class GpiozeroBuzzer(PinActuator):
 
 
 class VibrationMotorOptions(OutputPinOptions):
-    """The table of a vibration motor in the configuration."""
+    """The options of a vibration motor."""
 
     verb: ClassVar = "vibrates"
     circuit: ClassVar = "motor"
 
     frequency: Frequency = Field(default=100.0, ge=MIN_PULSES_HZ, le=10_000.0)
-    """Of the pulses. lgpio makes them in software, up to 10 kHz; the higher, the less even they are. A stop waits for
+    """Of the pulses, which lgpio makes in software, up to 10 kHz; the higher, the less even they are. A stop waits for
     the end of a pulse: 50 ms at 20 Hz."""
     minimum_duty: float = Field(default=0.4, gt=0.0, le=1.0)
     """The motor's weakest duty. Eccentric motors do not turn below 40 to 50 percent."""

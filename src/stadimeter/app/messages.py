@@ -1,6 +1,7 @@
 """The messages of a run: pure functions from a record to its messages, and when the next one is due.
 
-The topics, and how often each is published, are `stadimeter.core.message.OWN_TOPICS`; `docs/mqtt.md` shows every form.
+The topics, and how often each is published, are `stadimeter.core.message.OWN_TOPICS`; `docs/reference/topics.md` shows
+every form.
 """
 
 from __future__ import annotations

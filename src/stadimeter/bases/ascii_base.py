@@ -149,7 +149,7 @@ class AsciiAnswers(OptionsTable):
 
 
 class AsciiBaseOptions(serial_base.DutyBaseOptions):
-    """The table of such a base in the configuration."""
+    """The options of a base that obeys lines of text, in a protocol of your own."""
 
     title: ClassVar = "a base of your own, with lines of text as its protocol"
     auto_stop_advice: ClassVar = (

@@ -276,7 +276,7 @@ class MotorPins(MotorTable):
 
 
 class GpioMotorsOptions(HBridgeOptions):
-    """The table of two motors on GPIO pins in the configuration."""
+    """The options of two motors on GPIO pins, by an H-bridge such as L298N or TB6612."""
 
     title: ClassVar = "two motors behind a motor driver (L298N, TB6612 …) on GPIO pins"
     circuit: ClassVar = "motor-driver"

@@ -37,7 +37,7 @@ _FEEDBACK = struct.Struct("<H7hH")
 
 
 class HoverboardOptions(DutyBaseOptions):
-    """The table of such a base in the configuration."""
+    """The options of a hoverboard with the firmware of Emanuel Feru."""
 
     title: ClassVar = "a hoverboard with the FOC firmware"
     auto_stop_advice: ClassVar = (

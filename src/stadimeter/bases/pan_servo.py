@@ -88,7 +88,7 @@ class TiltServoOptions(OptionsTable):
     """A second servo, which tilts the camera."""
 
     channel: Channel = 1
-    """The servo's."""
+    """The channel of the servo on the board."""
     up: Angle = math.pi / 4
     """How far it tilts up from level."""
     down: Angle = math.pi / 4
@@ -112,7 +112,7 @@ class TiltServoOptions(OptionsTable):
 
 
 class PanServoOptions(DriverOptions):
-    """The table of such a base in the configuration."""
+    """The options of a camera on one servo, or on two, on a PCA9685 board. Such a base turns and drives nowhere."""
 
     title: ClassVar = "a camera on a pan servo, or on two that tilt it too (PCA9685): it drives nowhere"
     emulator: ClassVar = "emulated-pca9685"
@@ -124,7 +124,7 @@ class PanServoOptions(DriverOptions):
     address: int = Field(default=0x40, ge=0x08, le=0x77)
     """Of the chip, 7 bits."""
     channel: Channel = Field(default=0, examples=[0])
-    """The servo's."""
+    """The channel of the servo on the board."""
     left: Angle = math.pi / 4
     """How far it turns to the left of straight ahead."""
     right: Angle = math.pi / 4

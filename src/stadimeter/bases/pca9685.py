@@ -355,11 +355,11 @@ class MotorChannels(MotorTable):
     direction: Channel | None = None
     """For drivers with one input for the direction: high drives forwards, low backwards."""
     pwm: Channel | None = None
-    """How strongly."""
+    """The channel for how strongly it drives."""
 
 
 class Pca9685Options(HBridgeOptions):
-    """The table of a board with a PCA9685 in the configuration."""
+    """The options of two motors on a board with a PCA9685."""
 
     title: ClassVar = "a motor board over I2C: Freenove 4WD, JetBot, Adafruit MotorKit"
 

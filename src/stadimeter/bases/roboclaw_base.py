@@ -166,7 +166,7 @@ class RoboclawCodec(SerialCodec):
 
 
 class RoboclawOptions(SerialBaseOptions):
-    """The table of such a base in the configuration."""
+    """The options of a RoboClaw, with or without encoders."""
 
     title: ClassVar = "a RoboClaw motor controller on a serial port or USB"
     auto_stop_advice: ClassVar = 'write auto_stop = "300 ms"'

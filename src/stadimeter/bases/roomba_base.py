@@ -167,7 +167,7 @@ def _overcurrents(bits: int | None) -> tuple[str, ...] | None:
 
 
 class RoombaOptions(SerialBaseOptions):
-    """The table of such a base in the configuration."""
+    """The options of a Roomba or Create, by its Open Interface."""
 
     title: ClassVar = "an iRobot Roomba or Create"
     auto_stop_advice: ClassVar = (

@@ -44,7 +44,7 @@ _WORDS = {"OK": serial_base.BaseMessage(was_done=True), "Invalid Command": seria
 
 
 class RosArduinoOptions(serial_base.SerialBaseOptions):
-    """The table of such a base in the configuration."""
+    """The options of an Arduino with ros_arduino_bridge."""
 
     title: ClassVar = "an Arduino with the ros_arduino_bridge sketch"
     auto_stop_advice: ClassVar = 'set AUTO_STOP_INTERVAL in its sketch to 500, load it, and write auto_stop = "500 ms"'

@@ -162,7 +162,7 @@ _STANDING = Motion(linear_mps=0.0, angular_radps=0.0)
 
 
 class RosbridgeOptions(DriverOptions):
-    """The table of such a base in the configuration."""
+    """The options of a robot with ROS 2, by rosbridge."""
 
     title: ClassVar = "a robot that runs ROS 2, through rosbridge"
     auto_stop_advice: ClassVar = (

@@ -75,7 +75,7 @@ class SabertoothCodec(SerialCodec):
 
 
 class SabertoothOptions(DutyBaseOptions):
-    """The table of such a base in the configuration."""
+    """The options of a Sabertooth in packetized serial mode."""
 
     title: ClassVar = "a Sabertooth motor driver on a serial port"
     auto_stop_advice: ClassVar = 'write auto_stop = "300 ms"'

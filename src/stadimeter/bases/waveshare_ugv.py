@@ -46,7 +46,7 @@ def _check_auto_stop(seconds: float) -> float:
 
 
 class WaveshareUgvOptions(serial_base.SerialBaseOptions):
-    """The table of such a base in the configuration."""
+    """The options of a Waveshare UGV or another board with its JSON commands."""
 
     title: ClassVar = "a Waveshare UGV (Rover, Beast, RaspRover)"
     auto_stop_advice: ClassVar = 'leave out auto_stop, or write "500 ms": opening the base sets it'

@@ -81,7 +81,7 @@ class OpticsTable(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
     sensor: str
-    """The sensor's name."""
+    """The name of the image sensor."""
     sensor_size_px: tuple[Pixels, Pixels]
     """Width and height of the sensor's mode."""
     crop_px: tuple[PixelsOrZero, PixelsOrZero, Pixels, Pixels]
@@ -132,7 +132,7 @@ class CameraModelTable(BaseModel):
     """How coarsely the camera stores colour: for every pixel (``"4:4:4"``), every second one across (``"4:2:2"``), or
     across and down (``"4:2:0"``). None leaves it to the driver: a JPEG file says it, MJPEG and video count as 4:2:0."""
     method: str = ""
-    """How it was made."""
+    """How the camera was calibrated."""
     date: Annotated[str, BeforeValidator(date_text)] = ""
     """When, as an ISO 8601 date."""
     notes: tuple[str, ...] = ()

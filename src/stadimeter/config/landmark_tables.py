@@ -48,7 +48,7 @@ class LandmarksTable(Section):
     facing_sigma: AngleOrZero = _DEFAULTS.facing_sigma_rad
     """In radians; one standard deviation of how each tag is turned, about each axis."""
     tags: Annotated[list[PlacedTagTable], Field(min_length=1)]
-    """The tags."""
+    """Each tag with its place."""
 
     def to_plan(self) -> Landmarks:
         """Return the tags as the core sees them."""

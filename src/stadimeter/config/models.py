@@ -76,7 +76,11 @@ class MountTable(Section):
 
 
 class CameraTable(Section):
-    """The keys that every camera has, whatever its driver."""
+    """The keys that every camera has, whatever its driver.
+
+    A stream does not say how old its pictures are: nothing moves on it until its `latency` is stated. Passwords in an
+    address belong into the file of `device_file`.
+    """
 
     model: Any = None
     """The camera file, relative to the configuration, or the same keys as a table."""
@@ -143,7 +147,11 @@ OnFloorText = Annotated[
 
 
 class TargetTable(Section):
-    """The keys that every target has, whatever its detector."""
+    """The keys that every target has, whatever its detector.
+
+    Several of one kind have one table: with `count`, or `ids` of tags, `[targets.balls]` means `balls-1`, `balls-2` and
+    so on, each a target of its own. `balls-nearest` and `balls-farthest` are targets as well.
+    """
 
     on_floor: OnFloorText = False
     """Whether it stands on the floor; `"lying"` for what lies flat on it, or how high its centre is above it."""
@@ -155,7 +163,7 @@ class ActuatorTable(Section):
     safe: Share = _LEVEL.safe_level
     """The level when nothing asks for another, or nothing may."""
     lease: DurationAboveZero = LEASE_S
-    """In seconds."""
+    """For how long a command holds without a newer one; then the output goes to its safe value."""
     rise_per_s: Annotated[float, Field(gt=0)] = _LEVEL.rise_per_s
     """Largest change of the level upwards in a second; no limit where it is left out."""
     fall_per_s: Annotated[float, Field(gt=0)] = _LEVEL.fall_per_s
@@ -175,17 +183,17 @@ class BaseTable(Section):
     """The keys that every base has, whatever its driver."""
 
     linear_max_mps: units.Speed = Field(default=_BASE.linear_max_mps, alias="max_speed")
-    """In m/s, either way."""
+    """No faster, forwards or backwards."""
     angular_max_radps: units.TurnRate = Field(default=_BASE.angular_max_radps, alias="max_turn_rate")
-    """In rad/s."""
+    """No faster, in either direction."""
     linear_accel_mps2: units.Acceleration = Field(default=_BASE.linear_accel_mps2, alias="acceleration")
-    """In m/s²."""
+    """The largest change of speed in a second."""
     angular_accel_radps2: units.TurnAcceleration = Field(default=_BASE.angular_accel_radps2, alias="turn_acceleration")
-    """In rad/s²."""
+    """The largest change of the rate of turn in a second."""
     linear_jerk_mps3: units.Jerk = Field(default=_BASE.linear_jerk_mps3, alias="jerk")
     """In m/s³; 0 for no limit. The rate of turn has as long to reach its acceleration."""
     lease: DurationAboveZero = LEASE_S
-    """In seconds."""
+    """For how long a command holds without a newer one; then the base stops."""
     after_fault: AfterFault = "reopen"
     """What becomes of it when its driver failed: opened again, or off for the rest of the run."""
 
@@ -195,7 +203,10 @@ class BaseTable(Section):
 
 
 class SensorTable(Section):
-    """The keys that every range sensor has, whatever its driver. Rules may name it as a target."""
+    """The keys that every range sensor has, whatever its driver. Rules may name it as a target.
+
+    Ultrasound misses what is soft or slanted, a laser what is black or of glass: a sensor does not replace a bumper.
+    """
 
     bearing: units.Angle = 0.0
     """In radians; where it looks, positive to the right of the camera."""
@@ -226,7 +237,11 @@ STOP = OperatorAction.STOP_OUTPUTS.value
 
 
 class ButtonTable(Section):
-    """The keys that every button has, whatever its driver: what it asks of alarms, or of every output."""
+    """The keys that every button has, whatever its driver: what it asks of alarms, or of every output.
+
+    A press acts when the button is let go; `stop-outputs` does so as soon as it is down. A button is no emergency stop,
+    which cuts the supply.
+    """
 
     press: ButtonAction = "acknowledge"
     """What a short press does, when it is let go; but `stop-outputs` as soon as it is down."""
@@ -289,13 +304,13 @@ class TrackingTable(Section):
     """The way targets are tracked; see `stadimeter.core.plan.Tracking`."""
 
     acceleration_mps2: units.Acceleration = Field(default=_TRACKING.acceleration_mps2, alias="acceleration")
-    """In m/s²."""
+    """How abruptly targets change their speed."""
     autocorrelation: Annotated[float, Field(ge=0, lt=1)] = _TRACKING.autocorrelation
-    """Of the measurement noise from one frame to the next."""
+    """How much the noise of a frame is like that of the frame before, at most."""
     confirm_frames: Annotated[int, Field(ge=1)] = _TRACKING.confirm_frames
     """How many frames a new target must be measured in."""
     coast_s: units.Duration = Field(default=_TRACKING.coast_s, alias="coast")
-    """In seconds."""
+    """For how long a prediction stands in for a target that is not seen; then it is lost."""
     noise_factor: Annotated[float, Field(gt=0)] = _TRACKING.noise_factor
     """How many times larger than stated the noise of measurements is."""
 
@@ -308,7 +323,7 @@ class SafetyTable(Section):
     """When outputs may act; see `stadimeter.core.plan.Safety`."""
 
     max_frame_age: DurationAboveZero = _SAFETY.max_frame_age_s
-    """In seconds."""
+    """A frame that is older moves nothing."""
     good_frames: Annotated[int, Field(ge=1)] = _SAFETY.good_frames
     """How many fresh frames in a row are needed."""
     arm: Literal["at-start", "by-command", "by-button"] = _SAFETY.arm
@@ -317,7 +332,7 @@ class SafetyTable(Section):
     """Whether the picture must flow while the base drives. False for a camera that does not ride on the base."""
 
     watchdog: DurationAboveZero | None = None
-    """In seconds; by default 0.7 s more than the longest lease."""
+    """A program whose outputs act on older data hangs, and is ended; by default 0.7 s beyond the longest lease."""
 
     def to_plan(self) -> plan.Safety:
         """Return the section as the core sees it."""

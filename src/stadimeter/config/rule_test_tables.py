@@ -64,11 +64,11 @@ class LevelAtTable(Section):
     level: Share | None = None
     """What it is, or nearly."""
     tolerance: Share = TOLERANCE
-    """How nearly."""
+    """How far the level may be off."""
     min: Share | None = None
-    """What it is at least."""
+    """The least that the level may be."""
     max: Share | None = None
-    """What it is at most."""
+    """The most that the level may be."""
 
     @model_validator(mode="after")
     def _check_level(self) -> Self:
@@ -104,9 +104,9 @@ class ExpectTable(Section):
     cleared_after: Duration | None = None
     """When it is cleared for the first time, at the earliest."""
     active_at: Moments | None = None
-    """When it is active."""
+    """When the rule is active."""
     inactive_at: Moments | None = None
-    """When it is not."""
+    """When the rule is not active."""
     status: Annotated[RuleStatus, Field(strict=False)] | None = None
     """What it is doing at the end."""
     acknowledged: bool | None = None
@@ -120,7 +120,7 @@ class ExpectTable(Section):
     stopped_at: Moments | None = None
     """When the output is at its safe value; for a base that is standing still."""
     acts_at: Moments | None = None
-    """When it is not."""
+    """When the output acts."""
 
     @model_validator(mode="after")
     def _can_be(self) -> Self:
@@ -183,7 +183,7 @@ class HoverTable(Section):
     """Stand at a distance."""
 
     at: Length
-    """In metres."""
+    """The distance at which it stands."""
     duration: Annotated[DurationAboveZero, Field(alias="for")]
     """How long, written ``for``; in seconds."""
 
@@ -196,9 +196,9 @@ class SkipTable(Section):
     """Stand at one distance, and from one frame to the next at another."""
 
     start: Annotated[Length, Field(alias="from")]
-    """In metres, written ``from``."""
+    """Where it is at first."""
     end: Annotated[Length, Field(alias="to")]
-    """In metres, written ``to``."""
+    """Where it is from one frame to the next."""
     wait: Duration = STAND_S
     """How long to stand at first, in seconds."""
     stay: Duration = STAND_S
@@ -219,7 +219,7 @@ class TravelTable(SkipTable):
     """Stand, go from one distance to another at a steady speed, and stand again."""
 
     speed: Annotated[Speed, Field(gt=0)]
-    """In m/s."""
+    """How fast it goes."""
 
     @property
     def going_s(self) -> float:
@@ -233,7 +233,7 @@ class PathPointTable(Section):
     at: Duration
     """In seconds from the start of the test."""
     distance: Length
-    """In metres."""
+    """Where the target is at that time."""
     bearing: Angle | None = None
     """In radians, positive to the right; None for that of the motion."""
     elevation: Angle | None = None
@@ -244,7 +244,7 @@ class MotionTable(Section):
     """The motion of one target; exactly one of the first five keys says it."""
 
     hover: HoverTable | None = None
-    """Stand at a distance."""
+    """The target stands at a distance."""
     approach: TravelTable | None = None
     """Come nearer at a steady speed."""
     recede: TravelTable | None = None
@@ -385,12 +385,12 @@ class InputTable(MotionTable):
 
 
 class RuleTestTable(Section):
-    """One test."""
+    """One test of the rules: what happens, and what is expected. `stadimeter test` runs it without a camera."""
 
     name: Annotated[str, Field(min_length=1)] | None = None
     """What it shows; None for one by its number."""
     input: InputTable
-    """What happens."""
+    """What happens in the test."""
     expect: Annotated[dict[str, ExpectTable], Field(min_length=1)]
     """What is expected, by the name of a rule or an output."""
 

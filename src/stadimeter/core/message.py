@@ -95,24 +95,39 @@ EXPIRES_S = 10
 HEARTBEAT_S = 5.0
 
 AVAILABILITY = OwnTopic(path="availability", retain=True)
+"""`online` or `offline`; the broker says `offline` for a run that died, with MQTT 5 after 5 s."""
 INFO = OwnTopic(path="info", retain=True)
+"""What runs: sent at the start and after a reload. Nodes with one `configuration_sha256` run one configuration."""
 TARGET_STATE = OwnTopic(
     path="target/*/state", qos=0, retain=True, expires_s=EXPIRES_S, interval_s=0.5, heartbeat_s=HEARTBEAT_S
 )
+"""A target: when its status changes, when it moved by 1 cm and half a standard deviation, and every 5 s."""
 RULE_STATE = OwnTopic(path="rule/*/state", retain=True, interval_s=0.5)
+"""A rule: when it becomes active or stops being so, or one of its marks changes. `active` is null while unknown."""
 RULE_AVAILABILITY = OwnTopic(path="rule/*/availability", retain=True)
+"""`online` while it is known whether the rule is active, else `offline`."""
 RULE_SETTINGS = OwnTopic(path="rule/*/settings", retain=True)
+"""What operators set of a rule: its thresholds, whether it is in service, whether it is observed only."""
 FIGURE_STATE = OwnTopic(path="figure/*/state", retain=True, interval_s=2.0)
+"""A remembered figure, in the SI unit, when it changes, every 2 s at most."""
 CAMERA_STATE = OwnTopic(path="camera/state", retain=True)
+"""`online` while pictures come; `offline` when there was none for 2 s: then nothing is known of any target."""
 CAMERA_POSE = OwnTopic(
     path="camera/pose", qos=0, retain=True, expires_s=EXPIRES_S, interval_s=0.2, heartbeat_s=HEARTBEAT_S
 )
+"""Where the camera is, with `[landmarks]`: when it moved or became unknown, and every 5 s."""
 HEALTH = OwnTopic(path="health", qos=0, heartbeat_s=30.0)
+"""How the run is doing, every 30 s."""
 ALARM_EVENT = OwnTopic(path="event/alarm")
+"""Something happened to a rule. `replayed` is true if it goes out more than 5 s late: a repeat has the same `id`."""
 SYSTEM_EVENT = OwnTopic(path="event/system")
+"""Something happened to a target, the camera, an output or the run."""
 REQUEST = OwnTopic(path="request/*")
+"""Where other programs ask for something, see below."""
 RESPONSE = OwnTopic(path="response/*", qos=0)
+"""The answer to a request: `status` is `ok` or `error`."""
 SNAPSHOT = OwnTopic(path="snapshot", qos=0)
+"""The newest picture as JPEG, after the request `snapshot`."""
 
 OWN_TOPICS = (
     AVAILABILITY, INFO, TARGET_STATE, RULE_STATE, RULE_AVAILABILITY, RULE_SETTINGS, FIGURE_STATE, CAMERA_STATE,

@@ -524,14 +524,14 @@ SIGMA_FLOOR_PX = 0.015
 
 
 class PictureOptions(DriverOptions):
-    """The options that a ``[targets.…]`` table with ``detector = "picture"`` may hold."""
+    """The options of a flat picture, such as a poster or a book cover."""
 
     file: FilePath
     """A picture that shows it from the front, and nothing around it: a scan, or what was printed."""
     width: Length | None = None
     """Its width, such as ``"42 cm"``; the height follows from the file, unless it is given."""
     height: Length | None = None
-    """Its height."""
+    """Its height, instead of the width."""
     tolerance: Tolerance | None = None
     """One standard deviation of its sides; None for exactly known ones."""
     min_side_px: Annotated[float, Field(ge=24)] = 32.0

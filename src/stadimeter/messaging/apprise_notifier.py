@@ -51,7 +51,7 @@ RETRY_FOR_S = 600.0
 
 
 class AppriseOptions(DriverOptions):
-    """The table of an ``apprise`` notifier."""
+    """The options of notifications by apprise: mail, chats, telephones. Needs `pip install 'stadimeter[notify]'`."""
 
     url: Annotated[SecretStr, BeforeValidator(_has_service)] | None = None
     """The service, as apprise writes it; see https://github.com/caronc/apprise/wiki. It mostly holds a secret: prefer

@@ -428,7 +428,7 @@ class _SensorNoise:
 
 
 class SimulatedCameraOptions(DriverOptions):
-    """The table of a simulated camera in the configuration."""
+    """The options of a simulated camera, which draws the `[world]`."""
 
     needs_world: ClassVar = True
 

@@ -17,7 +17,7 @@ from stadimeter.simulation.world import shared_world
 
 
 class SimulatedBaseOptions(DriverOptions):
-    """The table of a simulated base in the configuration."""
+    """The options of a simulated base."""
 
     needs_world: ClassVar = True
 
@@ -120,7 +120,7 @@ class SimulatedBase:
 
 
 class SimulatedActuatorOptions(DriverOptions):
-    """The table of a simulated actuator in the configuration."""
+    """The options of a simulated actuator."""
 
     steps: int | None = Field(default=None, ge=1)
     """How many levels above off the device can do; None for any. 1 makes it a switch."""
@@ -187,7 +187,7 @@ class PressTable(BaseModel):
 
 
 class SimulatedButtonOptions(DriverOptions):
-    """The table of a simulated button in the configuration."""
+    """The options of a simulated button."""
 
     presses: tuple[PressTable, ...] = ()
     """When it is pressed."""
@@ -238,7 +238,7 @@ class SimulatedButton:
 
 
 class SimulatedRangeSensorOptions(DriverOptions):
-    """The table of a simulated range sensor in the configuration."""
+    """The options of a simulated range sensor."""
 
     needs_world: ClassVar = True
 

@@ -101,7 +101,7 @@ class Outbox(Generic[ItemT]):
 
 
 class SimulatedMessengerOptions(DriverOptions):
-    """The table of a simulated messenger in the configuration."""
+    """The options of a simulated messenger: none."""
 
     def build(self, context: DriverContext) -> SimulatedMessenger:
         """Return the messenger."""
@@ -139,7 +139,7 @@ class SimulatedMessenger(Outbox[Message]):
 
 
 class SimulatedNotifierOptions(DriverOptions):
-    """The table of a simulated notifier in the configuration."""
+    """The options of a simulated notifier: none."""
 
     def build(self, context: DriverContext) -> SimulatedNotifier:
         """Return the notifier."""

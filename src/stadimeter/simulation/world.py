@@ -177,7 +177,7 @@ THERE_AND_BACK = tuple(
 
 
 class WorldOptions(DriverOptions):
-    """The simulated world. Lengths are in metres and angles in radians once they are read."""
+    """The simulated world: where the ball goes, the robot, and what goes wrong."""
 
     seed: int = Field(default=1, ge=0)
     """Everything random follows from it: the same seed gives the same run."""

@@ -87,11 +87,11 @@ class LimitsTable(Section):
     """Whether a table without a limit says nothing."""
 
     above: float | None = None
-    """Holds above this."""
+    """Holds above this figure."""
     below: float | None = None
-    """Holds below this."""
+    """Holds below this figure."""
     between: list[float] | None = None
-    """The same two at once, the lower end first."""
+    """Holds between these two, the lower end first."""
 
     @property
     def limits(self) -> _Bounds:
@@ -260,7 +260,7 @@ class SeparationTable(QuantityTable[units.Length, units.LengthOrZero], Likelihoo
     """A condition on how far two targets are from each other."""
 
     of: Annotated[list[str], Field(min_length=2, max_length=2)]
-    """The two targets."""
+    """The names of the two targets."""
 
     def apart(self, severity: Severity, _: str) -> FigureCondition:
         """Return the condition as the core sees it."""
@@ -271,7 +271,7 @@ class ContactTable(LikelihoodTable):
     """A condition on how soon a target will be here, if it goes on as it does."""
 
     below: DurationAboveZero
-    """In seconds."""
+    """Holds if it will be here within this time."""
     contact: units.LengthOrZero = _CONTACT.contact_m
     """In metres; the distance that counts as contact."""
     deadband: units.Duration = _CONTACT.deadband_s
@@ -293,7 +293,7 @@ class ComparisonTable(LikelihoodTable):
     """A condition on how a target is in relation to another one; `by` and `deadband` are lengths."""
 
     target: str
-    """The other target."""
+    """The other target that it is compared with."""
     by: units.LengthOrZero = 0.0
     """In metres; how much nearer, further, higher or lower at least."""
     deadband: units.LengthOrZero = 0.0
@@ -390,9 +390,9 @@ class CountTable(WindowTable):
     """A condition on how many targets are in sight, or on how often a rule was raised."""
 
     at_least: Annotated[int, Field(ge=1)] | None = None
-    """Holds with no fewer."""
+    """Holds with this many or more."""
     at_most: Annotated[int, Field(ge=0)] | None = None
-    """Holds with no more."""
+    """Holds with this many or fewer."""
     of: Annotated[list[str], Field(min_length=1)] | None = None
     """Of these targets; all if left out."""
     below: Length | None = None
@@ -424,7 +424,7 @@ class ActiveForTable(WindowTable):
     """A condition on how long a rule was active in all."""
 
     rule: str
-    """The rule."""
+    """The rule whose active time is summed up."""
     at_least: DurationAboveZero
     """In seconds; holds from this time on."""
 
@@ -463,12 +463,15 @@ class FigureLimitsTable(LimitsTable):
 
 
 class FigureTable(WindowTable):
-    """A figure that is remembered; see `stadimeter.core.conditions.remembered.RememberedFigure`."""
+    """A figure that is remembered over a window of time: for conditions, messages (`{NAME}`) and MQTT.
+
+    It is unknown without a measurement in the window, and outlasts a restart.
+    """
 
     target: str | None = None
     """The target; may be left out where there is only one."""
     of: FigureQuantity = "distance"
-    """Which figure of it."""
+    """Which figure of the target."""
     statistic: Literal["minimum", "maximum", "mean", "median", "percentile"]
     """What of all values within the window."""
     percentile: Annotated[float, Field(ge=0, le=100, strict=False)] | None = None
@@ -547,7 +550,7 @@ class TimeTable(Section):
     """A condition on the time of day, local time."""
 
     between: Annotated[list[Hour], Field(min_length=2, max_length=2)]
-    """The beginning first, each by the clock, or by the sun of the place; over midnight if the end is earlier."""
+    """From the first time to the second, over midnight if that is earlier; also `"sunset + 30 min"` with `[place]`."""
     days: Annotated[list[Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]], Field(min_length=1)] | None = None
     """The days on which it begins; every day if left out."""
     dates: Annotated[list[Dates], Field(min_length=1, max_length=100)] | None = None
@@ -568,7 +571,10 @@ class TimeTable(Section):
 
 
 class SequenceTable(Section):
-    """A condition on the order in which rules were raised."""
+    """A condition on the order in which rules were raised.
+
+    Each must be raised after the one before. Two that are raised by one picture are in no order.
+    """
 
     rules: Annotated[list[str], Field(min_length=2, max_length=10)]
     """Their names, the first to be raised first."""
@@ -609,7 +615,7 @@ class StillTable(Section):
     """A condition on how long the target has not moved."""
 
     for_: Annotated[DurationAboveZero, Field(alias="for")]
-    """In seconds, written ``for``."""
+    """How long it must have stood; out of sight it is unknown."""
     within: LengthOrZero = STILL_WITHIN_M
     """In metres; the target has moved when it is further than this from where it began to stand."""
 
@@ -704,7 +710,7 @@ class WhenTable(LimitsTable, LikelihoodTable):
     below: Length | None = None
     """In metres; holds when it is nearer."""
     between: Annotated[list[Length], Field(min_length=2, max_length=2)] | None = None
-    """In metres, the lower end first."""
+    """Holds when it is between these two, the lower end first."""
     of: DistanceKind = _DISTANCE.quantity
     """Whether the limits are on the distance or on the depth along the optical axis."""
     deadband: LengthOrZero = _DISTANCE.deadband

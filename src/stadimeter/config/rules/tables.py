@@ -56,13 +56,13 @@ class PatternStepTable(Section):
     """One level of a pattern."""
 
     level: Share
-    """The level."""
+    """The level of the output, from 0 to 1."""
     for_: Annotated[StepDuration, Field(alias="for")]
     """How long it lasts, in seconds, written ``for``."""
 
 
 class PatternTable(Section):
-    """A level that changes by itself; see `stadimeter.core.rule.Pattern`."""
+    """A level that changes by itself while the alarm stands: on and off, or steps of 50 ms or more."""
 
     on: StepDuration | None = None
     """For how long the output is on, in seconds."""
@@ -140,7 +140,10 @@ Text = Annotated[str, Field(min_length=1), AfterValidator(_check_text)]
 
 
 class StepTable(Section):
-    """One thing that an alarm does after it was raised or cleared; see `stadimeter.core.rule.EscalationStep`."""
+    """One thing that an alarm does after it was raised or cleared; exactly one of `actuator`, `notify` and `topic`.
+
+    Steps with `after` are an escalation: those that are not due when the alarm clears are dropped.
+    """
 
     after: Duration = _STEP.after_s
     """How long after, in seconds."""
@@ -236,7 +239,7 @@ class SearchTable(Section):
     """The way a base turns to find its target; see `stadimeter.core.rule.Search`."""
 
     angle_rad: AngleOrZero = Field(default=_SEARCH.angle_rad, alias="angle")
-    """In radians; it turns no further."""
+    """It turns no further, to either side."""
     for_s: DurationAboveZero = Field(default=_SEARCH.for_s, alias="for")
     """In seconds, written ``for``; it searches no longer."""
     step_rad: Annotated[AngleOrZero, Field(ge=math.radians(5))] = Field(default=_SEARCH.step_rad, alias="step")
@@ -247,7 +250,7 @@ class SlowTable(Section):
     """A target near which a base is slow; see `stadimeter.core.rule.SlowNear`."""
 
     target: str
-    """Its name."""
+    """The target near which it is slow."""
     from_: Annotated[Length, Field(alias="from")]
     """In metres, written ``from``; from this distance on it is slower."""
     to: LengthOrZero
@@ -264,7 +267,7 @@ class FollowTable(Section):
     """A base that keeps its distance; see `stadimeter.core.rule.FollowRule`."""
 
     distance_m: Length = Field(alias="distance")
-    """In metres."""
+    """The distance to keep, along the straight line from the camera."""
     gain_per_s: Factor | None = Field(default=_FOLLOW.gain_per_s, alias="gain")
     """Forward speed for each metre of distance error, in 1/s; None for as much as the delay allows."""
     turn_gain_per_s: Factor | None = Field(default=_FOLLOW.turn_gain_per_s, alias="turn_gain")
@@ -272,15 +275,15 @@ class FollowTable(Section):
     delay_s: DurationAboveZero | None = Field(default=_FOLLOW.delay_s, alias="delay")
     """From the picture until the wheels obey, in seconds; None for what is measured and usual."""
     linear_max_mps: Speed = Field(default=_FOLLOW.linear_max_mps, alias="max_speed")
-    """In m/s, forwards."""
+    """No faster forwards."""
     reverse_max_mps: Speed = Field(default=_FOLLOW.reverse_max_mps, alias="max_reverse_speed")
-    """In m/s, backwards; 0 never reverses."""
+    """No faster backwards; 0 never reverses. Nothing sees behind the robot."""
     angular_max_radps: TurnRate = Field(default=_FOLLOW.angular_max_radps, alias="max_turn_rate")
-    """In rad/s."""
+    """No faster in turning."""
     deadband_m: LengthOrZero = Field(default=_FOLLOW.deadband_m, alias="deadband")
-    """In metres."""
+    """A smaller error of the distance does not set a base in motion that stands."""
     deadband_rad: AngleOrZero = Field(default=_FOLLOW.deadband_rad, alias="turn_deadband")
-    """In radians."""
+    """The same for an error of the direction."""
     turn: bool = True
     """Whether the base can steer; false for a slider, which only drives to and fro."""
     search: SearchTable | Literal["off"] = Field(default_factory=SearchTable)
@@ -323,7 +326,7 @@ class PointTable(Section):
     at: WrittenFigure
     """The figure, as it is written."""
     level: Share
-    """The level there."""
+    """The level there, from 0 to 1."""
 
 
 def _check_order(points: list[tuple[float, float]]) -> None:
@@ -437,11 +440,11 @@ class LostTable(Section):
     """The behaviour of a rule without its target; see `stadimeter.core.rule.Lost`."""
 
     grace: Duration = _LOST.grace_s
-    """In seconds."""
+    """For how long the rule goes on as if it still saw its target."""
     policy: Annotated[rule.LostPolicy | None, Field(strict=False)] = None
     """What happens after it; None for ``hold``, or ``clear`` where the off-delay is longer than `fault_after`."""
     fault_after: Duration = _LOST.fault_after_s
-    """In seconds."""
+    """After this time without its target, its output goes to the safe value."""
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -488,7 +491,11 @@ class Conditions(NamedTuple):
 
 
 class RuleTable(Section):
-    """One rule."""
+    """A rule: an alarm (`when`), a level (`ramp`), a base that follows (`follow`), or messages at times.
+
+    `observe = true` is for trying it. People may acknowledge, shelve or take it out of service with `stadimeter alarm`;
+    none of that works on a rule of severity `safety`, which acts at once and always.
+    """
 
     written_elsewhere: ClassVar[dict[str, str]] = {
         **dict.fromkeys(
@@ -511,7 +518,7 @@ class RuleTable(Section):
     priority: int = _RULE.priority
     """Of several rules that ask something of one output, the highest wins."""
     severity: Annotated[Severity, Field(strict=False)] = _RULE.severity
-    """How much its events matter."""
+    """How much its events matter. A `safety` rule acts at once, and nothing inhibits it."""
     lost: LostTable = Field(default_factory=LostTable)
     """What it does without its target."""
     observe: bool = _RULE.observe
@@ -527,7 +534,7 @@ class RuleTable(Section):
     at: TimesOfDay | None = None
     """In seconds since midnight; sends a message at this time of day, or at each of several."""
     on_delay: OnDelay | None = None
-    """How long a condition must hold first; in seconds or in frames. None for the default."""
+    """How long a condition must hold first; by default 3 of 5 frames, or no time where it has a probability."""
     off_delay: Duration = _ALARM.off_delay_s
     """How long it must no longer hold; in seconds."""
     level: Share = _ALARM.level
@@ -543,9 +550,9 @@ class RuleTable(Section):
     realarm: DurationAboveZero | None = None
     """After being active for this long, in seconds, it is reported again; None for never."""
     cooldown: Duration | None = None
-    """The least time between two notifications, in seconds. None for the default."""
+    """The least time between two notifications, by default 10 s, and none for `safety`. Outputs are not delayed."""
     shelve_max: Duration | None = None
-    """The longest time that it can be shelved for, in seconds; 0 forbids it. None for the default."""
+    """The longest time that it can be shelved for, by default 8 h; 0 forbids it."""
     raises_per_min_max: Annotated[int, Field(ge=0, le=1000)] | Literal["off"] = _ALARM.raises_per_min_max
     """An alarm that came this often within a minute chatters: it stays active until it has calmed down. 0 or "off" for
     no such limit."""

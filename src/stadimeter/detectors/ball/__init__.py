@@ -62,7 +62,7 @@ MAX_REJECTED = 8
 
 
 class BallOptions(DriverOptions):
-    """Options that a ``[targets.…]`` table with ``detector = "ball"`` may hold."""
+    """The options of a ball. With `hsv` it is found by its colour: `stadimeter colour` finds out which."""
 
     diameter: BallDiameter
     """The ball's diameter, such as ``"6.4 cm"``, or its name, such as ``"tennis ball"``."""

@@ -49,7 +49,7 @@ SIXTH = math.pi / 3
 
 
 class CirclesOptions(DriverOptions):
-    """Options that a ``[targets.…]`` table with ``detector = "circles"`` may hold."""
+    """The options of three equal discs at the corners of a triangle with equal sides: more exact than one disc."""
 
     written_elsewhere: ClassVar[dict[str, str]] = ONE_OF_A_KIND
 

@@ -104,7 +104,7 @@ Shade = Literal["bright", "dark", "any"]
 
 
 class DiscOptions(DriverOptions):
-    """Options that a ``[targets.…]`` table with ``detector = "disc"`` may hold."""
+    """The options of a flat disc of one brightness."""
 
     written_elsewhere: ClassVar[dict[str, str]] = ONE_OF_A_KIND
 

@@ -36,7 +36,7 @@ _LENGTHS: tuple[KnownLength, ...] = ("height", "width", "eye_distance")
 
 
 class ObjectOptions(DriverOptions):
-    """Options that a ``[targets.…]`` table with ``detector = "object"`` may hold."""
+    """The options of what a neural network finds, such as a person or a face."""
 
     model: FilePath | None = None
     """The network: an ONNX file; None for the one that the camera runs on its sensor (``network`` in ``[camera]``)."""

@@ -64,7 +64,7 @@ def _or_by_name(schema: dict[str, Any]) -> None:
 
 
 class SheetOptions(DriverOptions):
-    """The options that a ``[targets.…]`` table with ``detector = "sheet"`` may hold."""
+    """The options of a flat rectangle, such as a sheet of paper: measured by its corners, however it is turned."""
 
     written_elsewhere: ClassVar[dict[str, str]] = ONE_OF_A_KIND
 

@@ -68,7 +68,7 @@ MIN_EDGE_PX = 1.8
 
 
 class TagOptions(DriverOptions):
-    """The options that a ``[targets.…]`` table with ``detector = "tag"`` may hold."""
+    """The options of a printed AprilTag or ArUco tag."""
 
     side: Length
     """The side of the black square, without the white around it, such as ``"8 cm"``."""

@@ -41,7 +41,7 @@ GUESS = "60 deg"
 
 
 class CalibrationStep(SetupStep):
-    """The question of how far away things are that look so large."""
+    """How far away the target is now; or pictures such as `near.jpg@50cm`, a camera file, or the width of the view."""
 
     key = "calibration"
     names_files = True

@@ -43,7 +43,7 @@ _DRIVER = re.compile(r"[a-z][\w-]*")
 
 
 class CameraStep(SetupStep):
-    """The choice of a camera: one that is there, a stream, or a recording of one."""
+    """A camera that is there, the address of a stream, a video, or picture files."""
 
     key = "camera"
     names_files = True

@@ -126,7 +126,7 @@ _PLACE = re.compile(r"\d+(\.\d+)?,\d+(\.\d+)?")
 
 
 class ColourStep(SetupStep):
-    """The range of colours of a ball."""
+    """The colour of a ball: a range such as `29,86,6:64,255,255`, or places on it in the picture such as `312,240`."""
 
     key = "colour"
     names_files = True

@@ -25,7 +25,7 @@ from stadimeter.workbench.setup.recipes import load_recipes
 from stadimeter.workbench.setup.target import TargetStep, kind_steps, offered_kinds
 
 # The questions that come first, whatever the answers; behind the first two stand those of the kind of target.
-_FIRST: tuple[SetupStep, ...] = (
+FIRST_STEPS: tuple[SetupStep, ...] = (
     CameraStep(), TargetStep(), ColourStep(), CalibrationStep(), RecipeStep(),
 )  # fmt: skip
 
@@ -142,7 +142,7 @@ class Interview:
 
     def _next(self) -> SetupStep | None:
         answers = self.known.answers
-        steps = (*_FIRST[:2], *kind_steps(answers), *_FIRST[2:], *recipe_steps(answers))
+        steps = (*FIRST_STEPS[:2], *kind_steps(answers), *FIRST_STEPS[2:], *recipe_steps(answers))
         return next((each for each in steps if each.key not in self.known.answers and each.is_asked(self.known)), None)
 
 
@@ -151,7 +151,7 @@ def answer_keys() -> tuple[str, ...]:
     recipes = " ".join(load_recipes())
     steps = [step for base in base_drivers() for step in recipe_steps({"recipe": recipes, "base": base})]
     of_kinds = [step for kind in offered_kinds() for step in kind_steps({"target": kind})]
-    return tuple(dict.fromkeys(step.key for step in (*_FIRST, *of_kinds, *steps)))
+    return tuple(dict.fromkeys(step.key for step in (*FIRST_STEPS, *of_kinds, *steps)))
 
 
 def check_keys(answers: Mapping[str, str], file: str) -> None:

@@ -48,7 +48,7 @@ WITHIN_REACH = 0.8
 
 
 class RecipeStep(SetupStep):
-    """The question of what shall happen."""
+    """What shall happen: the name of a recipe, or of several."""
 
     key = "recipe"
 

@@ -215,7 +215,7 @@ def describe_detection(name: str, found: Detection) -> str:
 
 
 class TargetStep(SetupStep):
-    """The question of what to measure."""
+    """What to measure: the name of a kind of target."""
 
     key = "target"
 
