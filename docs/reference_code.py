@@ -99,21 +99,30 @@ def _option(parameter: Any) -> tuple[str, str]:
 
 def findings_page() -> Iterator[str]:
     """Yield each code with what is said and what helps, as far as that stands in the source."""
-    found: dict[tuple[str, str], list[tuple[str, str]]] = {}
+    found: dict[str, list[tuple[str, str, str]]] = {
+        "error": [(f"`{code}`", SAID_ELSEWHERE[code], "") for code in ("other", "test")],
+        "warning": [],
+    }
     for code, severity, message, remedy in findings():
-        found.setdefault((severity, code), []).append((message, remedy))
-    for severity in ("error", "warning"):
+        is_made_elsewhere = not WORD.search(message) and code in SAID_ELSEWHERE
+        words, helps = SAID_ELSEWHERE[code] if is_made_elsewhere else message, remedy if WORD.search(remedy) else ""
+        found[severity].append((f"`{code}`", words.removeprefix("… / "), helps.removeprefix("… / ")))
+    for severity, rows in found.items():
         yield f"## {severity.capitalize()}s"
-        rows = [
-            (f"`{code}`", *pair)
-            for (of, code), said in sorted(found.items())
-            for pair in dict.fromkeys(said)
-            if of == severity
-        ]
-        yield table(("code", "what it says", "what helps"), rows)
+        yield table(("code", "what it says", "what helps"), sorted(set(rows)))
 
 
-MAX_NAMES = 3
+MAX_NAMES, WORD = 3, re.compile(r"\w{3}")
+SAID_ELSEWHERE = {
+    "bad-value": "a value, a unit or a word that is not known, or keys that contradict each other",
+    "driver": "there is no driver of this name",
+    "driver-lacks": "the camera or the port is not there or not yours to open, or a library or a file is missing",
+    "not-for-motion": "a stream without `latency`, or one that loses packets: nothing moves on its pictures",
+    "off-centre": "the optical centre is more than a tenth of the picture from its middle",
+    "other": "what has no code of its own",
+    "test": "a test of `[[tests]]` that cannot be run; `stadimeter run` does not mind",
+}
+"""What stands for messages of the source that are made elsewhere, by their code."""
 WARNING_FILES = ("warnings.py", "secrets.py", "feasibility.py", "certificate.py", "this_computer.py")
 
 
@@ -135,8 +144,8 @@ def _finding(call: ast.Call, names: Mapping[str, ast.expr], path: Path) -> Itera
     is_finding = getattr(call.func, "id", "") == "Finding"
     places = ("path", "message", "hint", "code") if is_finding else ("message", "file", "line", "column", "key", "hint")
     given |= dict(zip(places, call.args, strict=False))
-    severity = "warning" if path.name in WARNING_FILES else "error"
     for code in _codes(given.get("code"), names):
+        severity = "warning" if path.name in WARNING_FILES and code != "bad-value" else "error"
         yield code, severity, _text(given.get("message"), names), _text(given.get("hint"), names)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from stadimeter.config.findings import OF_A_TEST, OTHER
 from stadimeter.config.loader import load_configuration
 from stadimeter.core import templates
 
@@ -63,6 +64,7 @@ def test_every_field_of_a_template_stands_there(pages):
 def test_every_code_of_a_finding_stands_there(pages):
     shown = set(re.findall(r"^\| `([a-z-]+)`", pages["findings"], re.MULTILINE))
     assert codes_in_the_source() - shown == set()
+    assert set(reference_code.SAID_ELSEWHERE) <= {*codes_in_the_source(), OTHER, OF_A_TEST}
 
 
 def codes_in_the_source():
