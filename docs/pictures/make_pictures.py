@@ -20,6 +20,7 @@ from live_view_svg import save_svg
 from measuring_object import make_object_picture
 from measuring_round import make_round_pictures
 from mounting_picture import make_mounting_picture
+from moving_picture import make_moving_picture
 from picture_steps import picture_steps
 from stereo_picture import make_stereo_picture
 from unknown_size import unknown_size_picture
@@ -133,6 +134,7 @@ def printed_page(path: Path) -> None:
 
 
 if __name__ == "__main__":
+    make_moving_picture(HERE / "demo.webp")
     live_view_picture(HERE / "live-view.svg", LIVE_VIEW_SECONDS)
     fleet_picture.draw(HERE / "fleet-view.svg")
     wiring_pictures(HERE)
