@@ -152,13 +152,13 @@ def draw(moment: Moment) -> NDArray[np.uint8]:
     _draw_camera(drawing, moment)
     end = SIZE[0] - MARGIN
     drawing.write("distance of the ball", (RIGHT, 26), 13, DIM)
-    drawing.write(f"{moment.distance_m:.2f} m", (RIGHT, 68), 38, BALL)
+    drawing.write(f"{moment.distance_m:.3f} m", (RIGHT, 68), 38, BALL)
     drawing.write(f"± {1000 * moment.sigma_m:.1f} mm", (end, 68), 22, WORDS, anchor="rs")
     _draw_scale(drawing, moment.distance_m, end)
     rows: tuple[tuple[str, str, str, float, Colour, bool], ...] = (
         ("near", "below 50 cm", "buzzer", moment.levels["buzzer"], RED, moment.active["near"]),
         ("far", "beyond 3.05 m", "motor", moment.levels["motor"], BLUE, moment.active["far"]),
-        ("follow", "keep 1 m", "robot", moment.speed_mps / 0.4, GREEN, abs(moment.speed_mps) > 0),
+        ("follow", "keep 1 m", "robot", moment.speed_mps / 0.4, GREEN, moment.active["follow"]),
     )
     for index, row in enumerate(rows):
         _draw_rule(drawing, 146 + 62 * index, end, row)
@@ -174,10 +174,10 @@ def _draw_camera(drawing: Drawing, moment: Moment) -> None:
     rim = [(MARGIN + x * scale, MARGIN + y * scale) for x, y in (moment.outline + 0.5).tolist()]
     for colour, width in ((GROUND, 5), (BALL, 2.5)):
         drawing.line([*rim, rim[0], rim[1]], colour, width)
-    words = f"{moment.distance_m:.2f} m ± {1000 * moment.sigma_m:.1f} mm"
+    words = f"{moment.distance_m:.3f} m ± {1000 * moment.sigma_m:.1f} mm"
     left, top = min(x for x, _ in rim), min(y for _, y in rim)
-    left = max(MARGIN + 6, min(left, MARGIN + CAMERA_SIZE[0] - 150))
-    drawing.box((left - 4, top - 27, left + 142, top - 7), GROUND, 4)
+    left = max(MARGIN + 6, min(left, MARGIN + CAMERA_SIZE[0] - 158))
+    drawing.box((left - 4, top - 27, left + 150, top - 7), GROUND, 4)
     drawing.write(words, (left + 2, top - 12), 14, BALL)
 
 
