@@ -85,7 +85,7 @@ format: $(VENV)/.dev format-javascript ## put the code in order
 bench: $(VENV)/.bench ## measure accuracy and speed on rendered pictures; ARGS="--only ball --frames 60" for a part
 	PYTHONPATH=tests $(BIN)/python tests/benchmarks/run.py $(ARGS)
 
-prove: $(VENV)/.dev ## try every pair of faults for every base, for the table of docs/safety.md; ARGS="robot.toml" for one
+prove: $(VENV)/.dev ## try every pair of faults for every base, for the table of docs/benchmarks/proof.md; ARGS="robot.toml" for one
 	@PYTHONPATH=tests $(BIN)/python -m scenario.prove $(ARGS)
 
 bench-stopping: $(VENV)/.dev ## end the program in every way, and time how long the wheels of its robot are driven on

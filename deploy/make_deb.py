@@ -52,6 +52,7 @@ SYSTEM_FILES = {
 
 CONFIGURATION = "etc/stadimeter/appliance.toml"
 EXAMPLES = "usr/share/stadimeter/examples"
+NOT_FOR_USERS = ("benchmarks", "decisions", "recipes")
 
 DRIVES_PINS = "raspi-utils | gpiod"
 """Where there is raspi-utils, on Raspberry Pi OS, it is installed for its pinctrl: Debian has the other one only, which
@@ -223,9 +224,11 @@ def _lay_out(target: Target, libraries: Path, root: Path) -> None:
 
 
 def _document(target: Target, share: Path) -> None:
-    folder, docs = share / "doc/stadimeter", CHECKOUT / "docs"
-    for page in (page for pattern in ("*.md", "reference/*.md", "robots/*.md") for page in docs.glob(pattern)):
-        _write(folder / page.relative_to(docs), page.read_text())
+    folder = share / "doc/stadimeter"
+    for page in (CHECKOUT / "docs").rglob("*.md"):
+        part = page.relative_to(CHECKOUT / "docs")
+        if part.parts[0] not in NOT_FOR_USERS:
+            _write(folder / part, page.read_text())
     _point(folder / "examples", "../../stadimeter/examples")
     copyright_text = (DEPLOY / "debian/copyright").read_text()
     licence = "\n".join(f" {line or '.'}" for line in (CHECKOUT / "LICENSE").read_text().splitlines())

@@ -1,4 +1,4 @@
-"""The pictures of docs/how-it-measures.md: what each step of measuring a flat target finds in a rendered scene."""
+"""A picture of docs/how-it-measures.md: what each step of measuring a sheet finds in a rendered scene."""
 
 from __future__ import annotations
 
@@ -8,45 +8,50 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from gallery import CAMERA, JPEG_QUALITY, SHEET, scene_of
 from numpy.typing import NDArray
-from placed_camera import place_picture
 
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Points
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.sampling import grey_of, reduced, to_full_scale
+from stadimeter.detectors.sampling import reduced, to_full_scale
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.detectors.sheet.evidence import SearchedPicture, find_quadrilaterals, pale_masks, quick_masks
-from stadimeter.detectors.tag import TagDetector, TagOptions
-from stadimeter.detectors.tag.search import find_outlines
-from stadimeter.ranging.flat import sheet_poses, upright_poses
+from stadimeter.ranging.flat import sheet_poses
 from stadimeter.ranging.measure import measure
 from stadimeter.ranging.plane_pose import RectanglePose
-from support.scenes.plane import Pose, TagTarget
+from support.scenes.plane import Pose, SheetTarget
 from support.scenes.render import render
 from support.scenes.room import RoomBackdrop
+from support.scenes.scene import Scene
+from support.scenes.sensor import Blur, Sensor
 
 GREEN, YELLOW, RED, BLUE = (80, 200, 60), (0, 210, 255), (70, 70, 235), (235, 140, 40)
 PANEL_PX = (480, 360)
 ZOOMED_PX = 10.0
 """The zoomed panel reaches this far from a corner, to both sides."""
 
-TAG = TagTarget(
-    pose=Pose(position_m=(0.1, -0.05, 0.9), tilt_rad=math.radians(35), tilt_towards_rad=2.4, roll_rad=0.2),
-    side_m=0.08,
-    number=7,
+CAMERA = CameraModel.with_focal_length(860.0, 960, 720)
+JPEG_QUALITY = 85
+SHEET = SheetTarget(
+    pose=Pose(position_m=(-0.25, -0.1, 1.6), tilt_rad=math.radians(28), tilt_towards_rad=0.4),
+    width_m=0.297,
+    height_m=0.21,
 )
 
 
+def sheet_in_a_room(things: int = 12) -> Image:
+    """Return a picture of a sheet of A4 among things in a room, 1.6225 m away and tilted by 28°."""
+    room, blur, sensor = RoomBackdrop(things=things), Blur(sigma_px=0.7), Sensor(noise=1.0)
+    return render(Scene(camera=CAMERA, target=SHEET, seed=25, backdrop=room, blur=blur, sensor=sensor)).image
+
+
 def make_steps(folder: Path) -> None:
-    """Write the picture of each target."""
+    """Write the picture."""
     _write(folder / "how-sheet.jpg", _sheet_steps())
-    _write(folder / "how-tag.jpg", _tag_steps())
-    place_picture(folder / "how-place.jpg")
 
 
 def _sheet_steps() -> list[Image]:
-    image = render(scene_of(SHEET, RoomBackdrop(things=12), 25)).image
+    image = sheet_in_a_room()
     detector = SheetDetector("sheet", SheetOptions.model_validate({"size": "A4"}))
     small, scale = reduced(image, 480)
     picture = SearchedPicture.of(small)
@@ -58,18 +63,6 @@ def _sheet_steps() -> list[Image]:
     pose = sheet_poses(CAMERA.directions(found.outline_px), detector.target_shape, sigma, sigma)[0].pose
     shown = _with_pose(image, pose, SHEET.width_m)
     return _panels(image, to_full_scale(outlines, scale), found, points, _labelled(shown, detector, found))
-
-
-def _tag_steps() -> list[Image]:
-    image = render(scene_of(TAG, RoomBackdrop(things=12), 12)).image
-    detector = TagDetector("tag", TagOptions.model_validate({"side": "8 cm"}))
-    frame = Frame(image, 0.0, 0)
-    outlines = find_outlines(grey_of(image), 40.0, 480, thorough=False).corners_px
-    found = detector.detect(frame, lens=CAMERA)
-    points = detector.edge_points(frame, found, lens=CAMERA)
-    pose = upright_poses(CAMERA.directions(found.outline_px), TAG.side_m, TAG.side_m)[0]
-    shown = _with_pose(image, pose, TAG.side_m)
-    return _panels(image, outlines, found, points, _labelled(shown, detector, found))
 
 
 def _panels(image: Image, outlines: Points, found: Detection, points: Points, last: Image) -> list[Image]:
@@ -107,7 +100,7 @@ def _with_pose(image: Image, pose: RectanglePose, size_m: float) -> Image:
     return shown
 
 
-def _labelled(image: Image, detector: SheetDetector | TagDetector, found: Detection) -> Image:
+def _labelled(image: Image, detector: SheetDetector, found: Detection) -> Image:
     """Write the distance and its standard deviation into a picture."""
     measured = measure(found, detector.target_shape, CAMERA, 0.0)
     text = f"{measured.distance_m:.3f} m +- {measured.sigma_m:.4f}"

@@ -10,20 +10,10 @@ from pathlib import Path
 
 import camera_table
 import fleet_picture
-import floor_picture
-from certificate_pictures import make_certificate_picture
-from circles_picture import circles_picture
 from gallery import make_gallery
 from how_it_measures import make_steps
-from how_several import make_several
 from live_view_svg import save_svg
-from measuring_object import make_object_picture
-from measuring_round import make_round_pictures
-from mounting_picture import make_mounting_picture
-from picture_steps import picture_steps
-from stereo_picture import make_stereo_picture
-from unknown_size import unknown_size_picture
-from water_picture import water_picture
+from measuring_ball import ball_picture
 from web_pages import make_pages
 
 from stadimeter.app.bootstrap import build, demo_configuration
@@ -139,16 +129,6 @@ if __name__ == "__main__":
     printed_page(HERE / "print-tag.svg")
     make_gallery(HERE)
     make_steps(HERE)
-    make_several(HERE)
-    make_round_pictures(HERE)
-    picture_steps(HERE / "measuring-picture.jpg")
-    circles_picture(HERE / "measuring-circles.jpg")
-    water_picture(HERE / "how-water.jpg")
-    make_stereo_picture(HERE)
-    make_object_picture(HERE)
-    floor_picture.make_floor_picture(HERE / "how-floor.jpg")
-    make_mounting_picture(HERE / "mounting.jpg")
-    unknown_size_picture(HERE / "how-unknown-size.jpg")
+    ball_picture(HERE / "measuring-ball.jpg")
     make_pages(HERE)
-    make_certificate_picture(HERE)
     camera_table.write()

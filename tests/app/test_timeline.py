@@ -106,6 +106,10 @@ def test_the_loop_writes_nothing_and_the_thread_once_a_minute(rig, monkeypatch):
     assert writes == [".1"] * 11
 
 
+def test_a_day_of_a_target_and_three_rules_takes_three_megabytes():
+    assert Names(("ball",), ("near", "close", "gone")).row.itemsize * DAY_S == pytest.approx(3.0e6, rel=0.05)
+
+
 def test_a_night_is_read_in_steps_of_any_length_and_a_glimpse_of_a_second_is_in_all(rig):
     for second in range(4000):
         rig.see(0.3 if second == 2000 else 2.0, RuleStatus.ACTIVE if second == 2000 else RuleStatus.IDLE, for_s=1.0)

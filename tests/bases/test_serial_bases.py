@@ -24,14 +24,11 @@ from support.each_case import each_case
 
 COMMON = {"track_width": "16 cm", "max_wheel_speed": "0.5 m/s"}
 
-# The tables [base] that the page on robots shows, by driver. That of `ascii` is for OpenBot.
-ROBOTS_PAGE = (Path(__file__).parents[2] / "docs" / "robots.md").read_text("utf-8")
-SHOWN = {
-    table["base"]["driver"]: table["base"]
-    for table in map(tomllib.loads, re.findall(r"```toml\n(.*?)```", ROBOTS_PAGE, re.DOTALL))
-    if "driver" in table.get("base", {})
-}
-OPENBOT = {key: value for key, value in SHOWN["ascii"].items() if key not in {"driver", "port", "track_width"}}
+# The table [base] of the page on `ascii`, which is for OpenBot.
+PAGE = (Path(__file__).parents[2] / "docs" / "robots" / "ascii.md").read_text("utf-8")
+(SHOWN,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+NOT_OF_ITS_PROTOCOL = {"driver", "port", "track_width"}
+OPENBOT = {key: value for key, value in tomllib.loads(SHOWN)["base"].items() if key not in NOT_OF_ITS_PROTOCOL}
 
 # For each base: its driver, its emulated port, its options.
 KINDS: dict[str, tuple[str, str, dict[str, Any]]] = {

@@ -34,10 +34,10 @@ def test_what_the_package_does_not_bring_goes_into_an_environment_of_ones_own(
 def test_a_guide_is_named_in_the_checkout_in_the_package_or_on_the_web(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert extras.guide("doctor.md") == "docs/doctor.md"
+    assert extras.guide("troubleshooting.md") == "docs/troubleshooting.md"
     monkeypatch.setattr(extras, "GUIDES_OF_CHECKOUT", tmp_path / "none")
     monkeypatch.setattr(extras, "GUIDES_OF_PACKAGE", tmp_path)
-    (tmp_path / "doctor.md").touch()
-    assert extras.guide("doctor.md") == f"{tmp_path}/doctor.md"
-    (tmp_path / "doctor.md").unlink()  # by path-exclude
-    assert extras.guide("doctor.md").startswith("https://github.com/")
+    (tmp_path / "troubleshooting.md").touch()
+    assert extras.guide("troubleshooting.md") == f"{tmp_path}/troubleshooting.md"
+    (tmp_path / "troubleshooting.md").unlink()  # by path-exclude
+    assert extras.guide("troubleshooting.md").startswith("https://github.com/")

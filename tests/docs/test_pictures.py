@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
+import accuracy_tables
 import camera_table
 import fleet_picture
 import make_pictures
@@ -47,13 +49,20 @@ def test_the_view_of_a_fleet_is_what_the_program_shows_now(tmp_path):
     assert kept == (tmp_path / "fleet-view.svg").read_text(encoding="utf-8"), "run make pictures"
 
 
-def test_each_way_of_measuring_has_a_section_and_a_picture_that_a_script_makes():
+def test_the_figures_of_accuracy_are_those_of_the_report_and_of_its_goals():
+    page = accuracy_tables.PAGE.read_text(encoding="utf-8")
+    assert page.count("<!-- table: ") == len(accuracy_tables.tables())
+    assert accuracy_tables.with_tables(page) == page, "run python docs/pictures/accuracy_tables.py"
+    wanted = tomllib.loads((ROOT / "tests" / "benchmarks" / "goals.toml").read_text(encoding="utf-8"))
+    reported = accuracy_tables.goals()
+    assert {each["what"]: each["reach"] for group in wanted.values() for each in group}.items() <= {
+        what: goal.reach for what, goal in reported.items()
+    }.items()
+
+
+def test_each_picture_of_how_it_measures_is_made_by_a_script():
     page = (ROOT / "docs" / "how-it-measures.md").read_text(encoding="utf-8")
-    sections = dict(part.split("\n", 1) for part in page.split("\n## ")[1:])
     scripts = "".join(each.read_text(encoding="utf-8") for each in (ROOT / "docs" / "pictures").glob("*.py"))
-    ways = sections.keys() - {"The four steps", "Found, perhaps or refused", "From measurements to a track"}
-    assert {"Three circles", "Under water", "Picture", "On the floor"} <= ways
-    for way in ways:
-        pictures = re.findall(r"^!\[[^]]+\]\(pictures/([^)]+)\)$", sections[way], re.MULTILINE)
-        assert pictures, way
-        assert all(f'"{name}"' in scripts for name in pictures), pictures
+    pictures = re.findall(r"^!\[[^]]+\]\(pictures/([^)]+)\)$", page, re.MULTILINE)
+    assert pictures
+    assert [name for name in pictures if f'"{name}"' not in scripts] == []

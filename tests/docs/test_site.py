@@ -82,8 +82,8 @@ def test_a_word_that_readers_search_for_leads_to_its_page(search, word, page):
 
 
 def test_a_page_from_elsewhere_is_a_page_of_the_site_and_so_are_links_to_it(site):
-    assert 'href="deploy.html"' in (site / "operating.html").read_text()
-    assert 'href="operating.html#as-a-service' in (site / "deploy.html").read_text()
+    assert 'href="deploy.html"' in (site / "appliance.html").read_text()
+    assert 'href="appliance.html"' in (site / "deploy.html").read_text()
 
 
 def test_the_site_loads_nothing_from_elsewhere(site):

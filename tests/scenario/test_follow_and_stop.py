@@ -495,8 +495,43 @@ def test_a_robot_that_differs_from_what_its_base_says_is_written_in_its_world(tm
 
 # Cars whose motors hang on pins, or on the channels of a chip: they follow, and the *wheels* stop.
 
-PAGE = (Path(__file__).parents[2] / "docs" / "robots.md").read_text(encoding="utf-8")
-(PRACTICE,) = re.findall(r"<!-- file: practice.toml -->\n```toml\n(.*?)```", PAGE, re.DOTALL)
+PRACTICE = """\
+[camera]
+driver = "simulated"
+
+[camera.model]
+width_px = 640
+height_px = 480
+fx_px = 600.0
+fy_px = 600.0
+cx_px = 319.5
+cy_px = 239.5
+
+[targets.ball]
+detector = "ball"
+diameter = "20 cm"
+hsv = "29,86,6:64,255,255"
+
+[base]
+driver = "gpio-motors"
+port = "emulated-gpio-motors"
+left = { forward = 17, backward = 27, pwm = 12 }
+right = { forward = 16, backward = 20, pwm = 13 }
+track_width = "20 cm"
+max_wheel_speed = "0.6 m/s"
+minimum_duty = 0.25
+max_speed = "0.4 m/s"
+
+[rules.follow]
+actuator = "base"
+follow = { distance = "1 m", max_speed = "0.3 m/s" }
+
+[world]
+ball_diameter = "20 cm"
+track_width = "20 cm"
+path = [{ at = "0 s", x = "2.2 m", y = "0.5 m" }]
+loop = false
+"""
 PINS = re.compile(r'^driver = "gpio-motors"\nport = .*\nleft = .*\nright = .*\n', re.MULTILINE)
 # What differs between cars is behind their decisions: the first looks at pictures that are drawn, the others need none.
 UNDRAWN = re.sub(

@@ -87,9 +87,9 @@ def exceed_the_speed(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(outputs, "limit_twist", lambda *given: ease_not(*given)[0])
 
 
-# A camera on two servos, as the page on robots has it.
-PAGE = (CONFIG.parent / "docs" / "robots.md").read_text(encoding="utf-8")
-(ON_SERVOS,) = re.findall(r"### Up and down, too\n.*?```toml\n(.*?)```", PAGE, re.DOTALL)
+# A camera on two servos, as its page has it.
+PAGE = (CONFIG.parent / "docs" / "robots" / "pan-servo.md").read_text(encoding="utf-8")
+(ON_SERVOS,) = re.findall(r"```toml\n(.*?)```", PAGE.replace("#tilt", "tilt"), re.DOTALL)
 
 # Each defect with the faults that show it.
 DEFECTS: tuple[tuple[Plant, tuple[str, ...]], ...] = (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -19,11 +18,7 @@ from stadimeter.detectors.protocol import Detector
 from stadimeter.perception.perceiver import Perceiver
 from stadimeter.ranging.ball import BallShape
 from stadimeter.simulation.camera import silhouette
-from support.scenes.backdrop import ClutterBackdrop
-from support.scenes.ball import BallTarget
 from support.scenes.draw import CAMERA
-from support.scenes.sensor import Blur, Sensor
-from support.scenes.target import Lens, patch_around
 
 DIAMETER_M = 0.067
 RATE_HZ = 30.0
@@ -198,22 +193,3 @@ class Follower:
 
         best = min(range(len(truth)), key=off)
         return best if off(best) < 0.25 else None
-
-
-def picture_of(places: Places, seed: int, number: int = 0) -> NDArray[np.uint8]:
-    """Return a rendered picture of balls before clutter, one laid over the other, the farthest first."""
-    lens, blur = Lens(camera=CAMERA), Blur()
-    size = (CAMERA.width_px, CAMERA.height_px)
-    light = _backdrop(seed).copy()
-    for place in sorted(places.tolist(), key=lambda place: -math.hypot(*place)):
-        ball = BallTarget(position_m=tuple(place), diameter_m=DIAMETER_M)
-        patch = patch_around(lens.project(ball.extent_m()), 2, size, FINER)
-        if patch is not None:
-            layer, behind = ball.layer(lens.rays(patch)), patch.samples_of(light)
-            light[patch.rows_and_columns] = patch.averaged(behind + layer.cover[:, :, None] * (layer.light - behind))
-    return Sensor().develop(blur.of_pixels(light, FINER), np.random.default_rng((seed, 92, number)))
-
-
-@lru_cache(maxsize=2)
-def _backdrop(seed: int) -> NDArray[np.float32]:
-    return ClutterBackdrop().light(CAMERA.width_px, CAMERA.height_px, seed, None)

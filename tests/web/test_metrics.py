@@ -264,6 +264,12 @@ class TestWithAPassword:
         done = typed("web", tmp_path / "page.toml", "--metrics-token")
         assert (done.returncode, done.stdout, done.stderr) == (0, token + "\n", "")
 
+    def test_the_token_of_alarms_is_printed_and_is_another_one(self, site, token, tmp_path):
+        done = typed("web", tmp_path / "page.toml", "--alarms-token")
+        passwords = PasswordFile(site.page.access.file.path).passwords()
+        assert (done.returncode, done.stdout, done.stderr) == (0, passwords.token("alarms") + "\n", "")
+        assert token not in done.stdout
+
 
 def test_without_a_password_there_is_no_token_to_print(tmp_path):
     done = typed("web", tmp_path / "page.toml", "--metrics-token")

@@ -82,14 +82,16 @@ def test_a_file_that_is_none_lets_nobody_in(file, text):
         file.passwords()
 
 
-def test_the_command_asks_twice_and_shows_nothing(tmp_path):
+@pytest.mark.parametrize(("right", "options"), {"operate": (), "read": ("--read",)}.items())
+def test_the_command_asks_twice_and_shows_nothing(tmp_path, right, options):
     """At a real terminal: what is typed must not be echoed."""
     ours, theirs = pty.openpty()
-    command = [sys.executable, "-m", "stadimeter", "web", str(tmp_path / "room.toml"), "--set-password"]
+    command = [sys.executable, "-m", "stadimeter", "web", str(tmp_path / "room.toml"), "--set-password", *options]
     with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True) as process:
         os.close(theirs)
         shown = b""
-        for asked in (b"operating: ", b"Once more: "):
+        asked_first = {"operate": b"operating: ", "read": b"watching: "}[right]
+        for asked in (asked_first, b"Once more: "):
             while asked not in shown:
                 shown += os.read(ours, 1000)
             os.write(ours, OPERATE.encode() + b"\n")
@@ -103,7 +105,7 @@ def test_the_command_asks_twice_and_shows_nothing(tmp_path):
     assert OPERATE.encode() not in shown
     assert b"sessions have ended" in shown
     assert b"started again" in shown  # what listens on the loopback goes on to
-    assert set(json.loads((tmp_path / "room.passwords").read_text())) == {"scrypt", "salt", "key", "operate"}
+    assert set(json.loads((tmp_path / "room.passwords").read_text())) == {"scrypt", "salt", "key", right}
 
 
 # How often a password may be tried.

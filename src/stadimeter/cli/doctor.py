@@ -56,8 +56,8 @@ doctor = typer.Typer(cls=_Doctor, rich_markup_mode="markdown")
 def _doctor() -> None:
     """Find what keeps stadimeter from working here, with remedies.
 
-    `stadimeter doctor` examines the computer; `stadimeter doctor CONFIG` looks at what that names. `stadimeter doctor
-    models` examines a neural network.
+    `stadimeter doctor` examines the computer; `stadimeter doctor CONFIG` looks at what that names; `stadimeter doctor
+    computer --help` says what is examined. `stadimeter doctor models` examines a neural network.
     """
 
 
@@ -74,9 +74,22 @@ def computer(
 ) -> None:
     """Find what keeps stadimeter from working here, with remedies.
 
-    Looks at the board (supply, heat, clock, disk), the libraries, groups, cameras, pins and serial ports, the
-    configuration with its broker, the service and the watchdogs. Reads only: no picture is taken, no pin is driven, and
-    no serial port is opened. The broker is asked once, under another name than that of a running instance.
+    Without CONFIG it looks at the configuration of the service, /etc/stadimeter/appliance.toml, if there is one (with
+    sudo). It examines
+
+    - This computer: supply and under-voltage, heat, pictures of 640 x 480 a second, clock, free space;
+
+    - Python and libraries: whether each can be loaded, tried in another Python;
+
+    - Cameras, pins and ports: the groups video, gpio and dialout, cameras and what holds them, what takes serial ports;
+
+    - Configuration: the first finding of `stadimeter check`, and whether the broker takes the login;
+
+    - Service: whether it runs or has failed, what is switched off after it, the watchdogs.
+
+    It reads only: no picture is taken, no pin is driven, and no serial port is opened, so it may be called while the
+    service runs. The broker is asked once, under another name than that of a running instance. A library that hangs is
+    given up after 15 s, a camera after 20 s, a broker after 6 s.
 
     Marks: ✓ fine, ! may become a problem, ✗ wrong, ? cannot be found out here.
 
@@ -135,7 +148,8 @@ def _summary(every: list[Diagnosis]) -> Text:
     if not parts:
         return Text("nothing is wrong", "bold green")
     return Text(
-        f"{', '.join(parts)}; {guide('doctor.md')} says more", "bold red" if counts[DiagnosisSeverity.WRONG] else "bold"
+        f"{', '.join(parts)}; {guide('troubleshooting.md')} says more",
+        "bold red" if counts[DiagnosisSeverity.WRONG] else "bold",
     )
 
 

@@ -88,7 +88,7 @@ def require(extra: str, what: str) -> None:
 
 
 def guide(page: str) -> str:
-    """Return where a page such as ``doctor.md`` can be read from this computer."""
+    """Return where a page such as ``troubleshooting.md`` can be read from this computer."""
     if (GUIDES_OF_CHECKOUT / page).is_file():
         return f"docs/{page}"
     if (GUIDES_OF_PACKAGE / page).is_file():

@@ -278,7 +278,7 @@ def summary_of(made: Certificate) -> Iterator[str]:
     if fit is None or reach is None:
         return
     sure = f"± {100 * SIGMAS_95 * fit.scale_sigma:.2f} % (95 % interval)"
-    yield f"Scale: distances are {100 * fit.scale:+.2f} % too long, {sure}: {_verdict(fit.has_wrong_scale)}."
+    yield f"Scale: distances are {_too_long(100 * fit.scale, '.2f', '%')}, {sure}: {_verdict(fit.has_wrong_scale)}."
     if fit.has_wrong_scale:
         times = 1 / (1 + fit.scale)
         yield f"{ALIKE} its size may be {100 * (times - 1):+.2f} % off. {CORRECT} {times:.4f}."
@@ -286,7 +286,7 @@ def summary_of(made: Certificate) -> Iterator[str]:
     more = "; further distances make it surer" * (fit.least_scale > site_fit.WANTED_SCALE)
     yield f"{least} is found in 95 of 100 cases, a smaller one less often{more}."
     sure = f"± {100 * SIGMAS_95 * fit.offset_sigma_m:.1f} cm (95 % interval, the zero of the tape included)"
-    yield f"Offset: distances are {100 * fit.offset_m:+.1f} cm too long, {sure}: {_verdict(fit.has_offset)}."
+    yield f"Offset: distances are {_too_long(100 * fit.offset_m, '.1f', 'cm')}, {sure}: {_verdict(fit.has_offset)}."
     if fit.has_offset:
         where = "behind" if fit.offset_m > 0 else "before"
         yield f"The lens is that far {where} the mark from which the tape measured: measure from the lens."
@@ -313,8 +313,12 @@ def describe_placement(each: Placement) -> str:
 
 def describe_reliance(each: Reliance) -> str:
     """Say what a rule may rely on at one of its distances, in a line."""
-    one = f"one reading ± {100 * each.sigma_m:.1f} cm, {100 * each.bias_m:+.1f} cm too long"
+    one = f"one reading ± {100 * each.sigma_m:.1f} cm, {_too_long(100 * each.bias_m, '.1f', 'cm')}"
     return f"{each.words}: {f'not carried, {each.trouble}' if each.trouble else 'carried'}; {one}"
+
+
+def _too_long(much: float, digits: str, unit: str) -> str:
+    return f"{abs(much):{digits}} {unit} too {'long' if much >= 0 else 'short'}"
 
 
 def _verdict(is_significant: bool) -> str:

@@ -1,4 +1,4 @@
-"""Prove every base of config/follow-ball.toml, or a configuration, and make the table of docs/safety.md.
+"""Prove every base of config/follow-ball.toml, or a configuration, and make the table of docs/benchmarks/proof.md.
 
 ``make prove`` tries all pairs of faults for each base, two minutes each, and writes the table; ``make prove
 ARGS="robot.toml --faults 1"`` proves one configuration and prints its line.
@@ -18,9 +18,9 @@ from scenario.prove.watch import BEYOND
 from support.ready_bases import FOLLOW_BALL, READY, follow_ball
 
 ROOT = Path(__file__).parents[3]
-PAGE = ROOT / "docs" / "safety.md"
+PAGE = ROOT / "docs" / "benchmarks" / "proof.md"
 ON_SERVOS = "pan-servo with a tilt"
-ROBOTS = ROOT / "docs" / "robots.md"
+SERVOS = ROOT / "docs" / "robots" / "pan-servo.md"
 MARKED = re.compile(r"(<!-- proof -->\n).*?(<!-- end of proof -->\n)", re.DOTALL)
 HEADING = (
     "| base | at most | while the program runs and is heard | sequences | asserted by |",
@@ -39,9 +39,8 @@ COUNTER_EXAMPLE = Path("counter-example.jsonl")
 
 def configurations() -> dict[str, str]:
     """Return a configuration for each base of the ball follower, and that of a camera on servos, by their names."""
-    (on_servos,) = re.findall(
-        r"### Up and down, too\n.*?```toml\n(.*?)```", ROBOTS.read_text(encoding="utf-8"), re.DOTALL
-    )
+    page = SERVOS.read_text(encoding="utf-8").replace("#tilt", "tilt")
+    (on_servos,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     head = FOLLOW_BALL[FOLLOW_BALL.index("[camera]") : FOLLOW_BALL.index("[base]")]
     return {base: follow_ball(base) for base in READY} | {ON_SERVOS: head + on_servos}
 

@@ -153,7 +153,7 @@ class LikelihoodTable(Section):
 # A speed is estimated from many frames, and overshoots for some tenths of a second after a target has set off. At even
 # odds the estimate alone decides, and every third target that sets off to 70 % of a limit is taken to be above it; at
 # 0.8 its standard deviation, which says that it has not settled, keeps all but 1 in 50 out. A target at twice the limit
-# is found 0.1 s later, one at 1.1 times 0.3 to 0.6 s. Measured in ``docs/benchmarks/rules.md``.
+# is found 0.1 s later, one at 1.1 times 0.3 to 0.6 s. Measured once; ``scenario/test_rules_on_noise.py`` holds it.
 PROBABILITY_OF_SPEED_FOR_SAFETY = 0.8
 
 # Of a figure that is compared as it is.

@@ -609,7 +609,7 @@ def broker(examined: Examined) -> Iterator[Diagnosis]:
     if messenger is None or not isinstance(messenger.options, ReachesItsPeer):
         return
     if trouble := messenger.options.reach():
-        yield wrong(trouble, f'{extras.guide("troubleshooting.md")}, section "MQTT and notifications"')
+        yield wrong(trouble, f"{extras.guide('troubleshooting.md')} says what to do")
     else:
         yield fine("the broker takes the connection with the configuration's login")
 
@@ -708,7 +708,7 @@ class Check(Struct, frozen=True):
     """A check.
 
     Attributes:
-        group: The heading that its lines stand under, which is a heading of ``docs/doctor.md``, too.
+        group: The heading that its lines stand under, which `doctor computer --help` explains.
         name: Its name for programs.
         doing: What it does, for people who wait for it.
         find: Yields what it finds; nothing where it does not apply.
