@@ -1,7 +1,6 @@
 """Brokers that die, dead links, full disks: every alarm arrives, in order. Real broker, real processes.
 
-``STADIMETER_KILLS=50 pytest tests/scenario/test_broker_chaos.py -m long -s`` measures the figures of
-docs/benchmarks/messages.md.
+``STADIMETER_KILLS=50 pytest tests/scenario/test_broker_chaos.py -m long -s`` measures more kills.
 """
 
 import json

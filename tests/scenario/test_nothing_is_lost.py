@@ -1,7 +1,6 @@
 """What a broker has of a run that ends suddenly, and keeps of rules that are gone: real broker, real processes.
 
-``STADIMETER_KILLS=50 pytest tests/scenario/test_nothing_is_lost.py -m long -s`` measures the figure of
-docs/benchmarks/messages.md.
+``STADIMETER_KILLS=50 pytest tests/scenario/test_nothing_is_lost.py -m long -s`` measures more kills.
 """
 
 import json
