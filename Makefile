@@ -122,7 +122,7 @@ $(VENV)/.python:
 	@touch $@
 
 $(VENV)/.app: $(VENV)/.python pyproject.toml
-	@echo "Installing stadimeter and its libraries there, once: about 100 MB, half a minute to a few minutes."
+	@echo "Installing stadimeter and its libraries there, once: about 290 MB on the disk, half a minute to a few minutes."
 	@$(BIN)/python -m pip install --disable-pip-version-check --no-compile --editable ".[web]"
 	@touch $@
 

@@ -18,7 +18,7 @@ from openapi import openapi_document
 FROM_ELSEWHERE = {"contributing.md": "CONTRIBUTING.md", "deploy.md": "deploy/README.md"}
 """Pages of the site that are not in this folder, by their path in the repository."""
 
-BOOSTS = {"troubleshooting.md": 4.0, "contributing.md": 0.1, "reference/": 0.3}
+BOOSTS = {"troubleshooting.md": 3.0, "contributing.md": 0.1, "reference/": 0.3}
 """How the search ranks pages: the remedy of a symptom first, and behind others what answers no question of users."""
 
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)(#[^)\s]*)?(?=\))")

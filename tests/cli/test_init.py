@@ -18,8 +18,7 @@ from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.workbench.saving import versions
-from stadimeter.workbench.setup.interview import answer_keys, save_answers
-from stadimeter.workbench.setup.recipes import load_recipes
+from stadimeter.workbench.setup.interview import save_answers
 from support.command_line import Typed, typed
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -34,7 +33,6 @@ pytestmark = [pytest.mark.vision, pytest.mark.timeout(300)]
 
 # `init`: from an installed program to a measured target of one's own with a rule that acts, with one command.
 
-GUIDE = Path(__file__).parents[2] / "docs" / "getting-started.md"
 LENS = CameraModel.with_focal_length(600.0, 640, 480)
 TARGETS: dict[str, Callable[[float], object]] = {
     "ball": lambda at_m: BallTarget(position_m=(0.0, 0.0, at_m), diameter_m=0.2),
@@ -126,21 +124,40 @@ def test_an_example_is_written_without_a_checkout(tmp_path: Path, name: str) -> 
 
 
 @pytest.mark.long
-def test_the_answers_that_the_guide_shows_lead_to_a_configuration(tmp_path: Path) -> None:
+def test_pictures_named_by_their_distances_lead_to_two_outputs_with_their_wiring(tmp_path: Path) -> None:
     for name, at_m in (("50cm", 0.6), ("2m", 2.1)):
         _picture(tmp_path / f"{name}.png", "ball", at_m)
-    (shown,) = re.findall(r"<!-- answers -->\n```toml\n(.*?)```", GUIDE.read_text(), re.DOTALL)
-    (tmp_path / "answers.toml").write_text(shown)
-    told = typed("init", tmp_path, "--answers", tmp_path / "answers.toml")
+    answers = {
+        "camera": "50cm.png 2m.png",
+        "target": "ball",
+        "size": "20 cm",
+        "calibration": "50cm.png@60cm 2m.png@2.1m",
+        "recipe": "near light",
+        "near_near": "40 cm",
+        "near_output": "buzzer 23",
+        "light_near": "2 m",
+        "light_output": "led 17",
+    }
+    told = _init(tmp_path, **answers)
     assert told.returncode == 0, told
     assert (tmp_path / "init" / "wiring.svg").exists()
 
 
-def test_the_guide_names_every_key_of_an_answer() -> None:
-    text = GUIDE.read_text()
-    fixed = [key for key in answer_keys() if not key.startswith("base_") and not key.endswith("_output")]
-    assert [key for key in fixed if f"`{key}`" not in text] == []
-    assert [each.title for each in load_recipes().values() if f"`{each.key}`: {each.title}" not in text] == []
+@pytest.mark.long
+def test_the_next_commands_that_the_guide_names_work_in_the_simulated_room(tmp_path: Path) -> None:
+    config = tmp_path / "stadimeter.toml"
+    told = _init(tmp_path, camera="simulated", calibration="1 m")
+    assert told.returncode == 0, told
+    for command in ("measure --live", "run", "explain near"):
+        assert f"stadimeter {command}" in told.stdout
+    with closing(Terminal("measure", "--live", config, "--config", config)) as terminal:
+        terminal.wait_for("±")
+        interrupt(terminal)
+        terminal.ended()
+    journal = tmp_path / "run.jsonl"
+    ran = typed("run", config, "--no-state", "--speed", "0", "--seconds", "5", "--journal", journal)
+    assert ran.returncode == 0, ran
+    assert "near" in typed("explain", "near", "--journal", journal).stdout
 
 
 def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:

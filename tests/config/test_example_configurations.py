@@ -73,6 +73,20 @@ def test_a_safe_level_that_is_not_off_is_told(load: Load, sound: str) -> None:
     ].endswith("; at 50% when lost.")
 
 
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("", "If lost, it holds for 5 s, then goes safe."),
+        ("latch = true", "If lost, it holds."),
+        ('lost = { policy = "clear" }', "If lost for 0.5 s, it clears 1 s later."),
+        ('lost = { policy = "assert" }', "If lost for 0.5 s, it is raised: not seeing counts as danger."),
+    ],
+)
+def test_what_an_alarm_does_without_its_target_is_told(load: Load, sound: str, keys: str, words: str) -> None:
+    rule = f'[rules.it]\nactuator = "motor"\nwhen = {{ below = "1 m" }}\n{keys}\n'
+    assert words in describe(load(sound + rule))[-1]
+
+
 def test_the_rule_that_goes_before_others_says_so(load: Load, sound: str) -> None:
     rules = (
         '[rules.follow]\nactuator = "base"\nfollow = { distance = "1 m" }\n'

@@ -162,7 +162,7 @@ def test_one_wrong_measurement_that_a_manoeuvre_could_explain_is_not_believed():
     shown = run.see(0.48, sigma_m=0.0004).tracks[0]
     assert (shown.status, shown.rejected) == (TrackStatus.COASTING, 1)
     assert shown.distance_m == pytest.approx(0.51, abs=0.001)
-    assert "the next frame tells" in shown.reason
+    assert "waiting for more frames" in shown.reason
     shown = run.see(0.51, sigma_m=0.0004).tracks[0]
     assert (shown.status, shown.rejected) == (TrackStatus.TRACKING, 0)
     assert shown.distance_m == pytest.approx(0.51, abs=0.001)
@@ -351,7 +351,7 @@ def test_a_target_that_really_leapt_may_leap_again_without_a_frame_of_doubt():
     state = tracked()
     first = see(state, 1.8)
     assert first.track.status is TrackStatus.COASTING
-    assert "the next frame tells" in first.track.reason
+    assert "waiting for more frames" in first.track.reason
     believed = see(first, 1.8)
     assert believed.track.status is TrackStatus.TRACKING
     settled = see(believed, *[1.8] * 10)

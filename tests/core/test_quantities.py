@@ -145,13 +145,13 @@ def test_two_targets_are_compared_with_an_offset():
         False,
         False,
     ]
-    assert describe_begin(nearer) == "`ball` is nearer than `tag` by 0.20 m (0.7 ft) with a probability of 70%"
+    assert describe_begin(nearer) == "70% sure that `ball` is nearer than `tag` by 0.20 m (0.7 ft)"
 
 
 def test_what_is_left_in_the_picture_is_left():
     left = compared("bearing", "ball", "tag", below=0.0)
     assert left.holds(inputs(track(2.0, -5.0), track(9.0, 3.0, target="tag")), is_on=False) is True
-    assert describe_begin(left) == "`ball` is left of `tag` with a probability of 70%"
+    assert describe_begin(left) == "70% sure that `ball` is left of `tag`"
     assert describe_end(left) == "its difference in bearing is above 0.0° by 3 standard deviations of the noise"
 
 

@@ -11,7 +11,6 @@ import sys
 import tomllib
 from pathlib import Path
 
-import cv2
 import pytest
 import typer
 
@@ -23,8 +22,7 @@ from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.measure import measure
 from stadimeter.ranging.similar_triangles import expect
-from stadimeter.workbench.rule_tests import run_rule_test
-from support.scenes.poster import poster
+from support.fragments import completed
 from support.two_cameras import BESIDE
 
 # What the documentation shows, works: every configuration loads, every command exists, every link leads somewhere.
@@ -43,22 +41,6 @@ CODE = re.compile(r"`([^`]*)`")
 IN_A_SENTENCE = re.compile(r"(?:[a-z ]+ )?stadimeter ([a-z].*)", re.DOTALL)
 LINK = re.compile(r"\]\(([^)#]+?)(?:#[^)]*)?\)")
 
-AROUND = {
-    "camera": '[camera]\ndriver = "simulated"\n',
-    "camera.model": "[camera.model]\nwidth_px = 640\nheight_px = 480\nfx_px = 600.0\nfy_px = 600.0\n"
-    "cx_px = 319.5\ncy_px = 239.5\n",
-    "targets.ball": '[targets.ball]\ndetector = "ideal"\n',
-    "actuators.motor": '[actuators.motor]\ndriver = "simulated"\n',
-    "actuators.buzzer": '[actuators.buzzer]\ndriver = "simulated"\n',
-    "actuators.light": '[actuators.light]\ndriver = "simulated"\n',
-    "base": '[base]\ndriver = "simulated"\n',
-    "world": "[world]\n",
-    "messenger": '[messenger]\ndriver = "simulated"\n',
-    "notifiers.phone": '[notifiers.phone]\ndriver = "simulated"\n',
-    "rules.near": '[rules.near]\nactuator = "buzzer"\nwhen = { below = "2 m" }\nack = "required"\n',
-}
-"""What a fragment of a configuration is put into."""
-
 
 def blocks(language):
     """Return the blocks of all pages that are written in a language, by the page and their number there."""
@@ -68,15 +50,6 @@ def blocks(language):
         for number, (kind, text) in enumerate(FENCE.findall(ANSWERS.sub("", WRONG.sub("", page.read_text()))))
         if kind == language
     }
-
-
-def completed(fragment):
-    """Put a fragment of a configuration into a whole one, unless it brings that part itself."""
-    if "[camera]" in fragment:
-        return fragment
-    brings_rules = "[rules." in fragment
-    around = {name: table for name, table in AROUND.items() if not (brings_rules and name.startswith("rules."))}
-    return "".join(table for name, table in around.items() if f"[{name}]" not in fragment) + fragment
 
 
 def is_configuration(text):
@@ -98,24 +71,6 @@ def test_every_configuration_that_is_shown_can_be_loaded(tmp_path):
             if first_target != "ball":
                 failures[block] = f"its first target is {first_target}"
     assert failures == {}
-
-
-RECIPE = re.compile(r"^<!-- recipe -->\n```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
-RECIPES = RECIPE.findall((ROOT / "docs" / "rules.md").read_text())
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("recipe", RECIPES, ids=lambda recipe: re.search(r"rules\.(\w+)", recipe)[1])
-def test_every_recipe_keeps_what_its_tests_promise(recipe, tmp_path):
-    path = tmp_path / "recipe.toml"
-    path.write_text(completed(recipe))
-    cv2.imwrite(str(tmp_path / "poster.jpg"), poster(1))
-    (tmp_path / "stereo.toml").write_text(stereo_file_text(BESIDE))
-    configuration = load_configuration(path)
-    assert [warning.code for warning in configuration.warnings if warning.key.startswith("rules")] == []
-    results = [run_rule_test(configuration, test) for test in configuration.tests]
-    assert [(result.trouble, *result.failures) for result in results if not result.passed] == []
-    assert results
 
 
 def lines_typed(text):
@@ -194,6 +149,8 @@ GUIDE_FILES = {
     for _, code in FENCE.findall(GUIDE)
     for name in re.findall(r"\A# (\S+\.(?:py|toml))$", code, re.MULTILINE)
 }
+DRIVERS = ROOT / "docs" / "drivers"
+GUIDE_FILES |= {str(file.relative_to(DRIVERS)): file.read_text() for file in sorted(DRIVERS.rglob("*.py"))}
 
 
 @pytest.fixture

@@ -10,6 +10,9 @@ import accuracy_tables
 import camera_table
 import fleet_picture
 import make_pictures
+import moving_picture
+import pytest
+from PIL import Image
 
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.printing import svg_of
@@ -19,10 +22,28 @@ from stadimeter.workbench.wiring import wiring_picture
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_the_tables_of_cameras_are_those_that_are_computed_now():
+def test_the_table_of_cameras_is_the_one_that_is_computed_now():
     page = camera_table.PAGE.read_text(encoding="utf-8")
-    assert page.count("<!-- table: ") == len(camera_table.TABLES)
-    assert camera_table.with_tables(page) == page, "run python docs/pictures/camera_table.py"
+    assert camera_table.table() in page, "run python docs/pictures/camera_table.py"
+
+
+def test_the_moving_picture_fits_into_a_page_and_the_script_of_all_pictures_makes_it():
+    script = Path(make_pictures.__file__).read_text(encoding="utf-8")
+    assert f'make_moving_picture(HERE / "{moving_picture.PATH.name}")' in script
+    assert moving_picture.PATH.stat().st_size <= moving_picture.BYTES_MAX
+    with Image.open(moving_picture.PATH) as kept:
+        assert (kept.size, kept.n_frames > 30) == (moving_picture.SIZE, True)
+
+
+@pytest.mark.long
+def test_the_moving_picture_shows_each_rule_of_the_demonstration_acting_and_at_rest():
+    moments = moving_picture.watch_demonstration()
+    with Image.open(moving_picture.PATH) as kept:
+        assert kept.n_frames == len(moments), "run make pictures"
+    assert all(len(each.outline) for each in moments)
+    for rule in ("near", "far", "follow"):
+        assert {each.active[rule] for each in moments} == {False, True}, rule
+    assert {each.levels["buzzer"] for each in moments} == {0.0, 1.0}
 
 
 def test_the_drawing_of_the_example_is_that_of_its_configuration():

@@ -108,8 +108,8 @@ def _report_success(
         text.highlight_regex("`[^`]+`", "cyan")
         console.print(text)
     count = f", with {counted(len(warnings), 'warning')}" if warnings else ""
-    here = ", but not on this computer, which lacks what is named above" if is_lacking else ""
-    words = f"{configuration.path} can be used{count}{here}"
+    verdict = "is valid, but this computer lacks something" if is_lacking else "can be used"
+    words = f"{configuration.path} {verdict}{count}"
     console.print(Text(words, "bold yellow" if is_lacking else "bold green"))
 
 

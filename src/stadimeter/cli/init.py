@@ -73,7 +73,7 @@ def init(
     With --example it asks nothing either, and writes a configuration that shows one of the three uses, for you to edit.
 
     With --answers it asks nothing: each question takes its answer from the file, or else the one that is ready.
-    docs/getting-started.md lists the keys. The file that a session has left, init-answers.toml, is such a file.
+    docs/reference/setup-answers.md lists the keys. The file that a session has left, init-answers.toml, is such a file.
 
     **Examples**
 
@@ -99,7 +99,7 @@ def init(
         if answers is None and not (sys.stdin.isatty() and sys.stdout.isatty()):
             raise ConfigError(
                 "init asks questions, and there is no terminal here; give the answers with --answers FILE, such as "
-                'camera = "ball.jpg" (docs/getting-started.md lists the keys)'
+                'camera = "ball.jpg" (docs/reference/setup-answers.md lists the keys)'
             )
         known = _answer_from_file(console, folder, answers) if answers else _answer_by_person(console, folder)
         _write(console, known)
@@ -178,7 +178,7 @@ def _takes(console: Console, interview: Interview, ready: str) -> bool:
         return False
     if not accepted.doubt:
         console.print()
-        _tell_accepted(console, key, accepted)
+        _tell_accepted(console, f"{len(interview.known.answers)}. {key}", accepted)
     return not accepted.doubt
 
 
@@ -322,17 +322,22 @@ def _is_measured(console: Console, known: Known) -> bool:
     results = Measuring(targets, written.camera_model).measure(known.frame, "").targets
     for seen in (each.measurement for each in results):
         if seen.distance_m is None:
-            words = f"In the last picture, `{seen.target}` was not measured: {seen.reason}"
+            words = f"{_picture(known)}: `{seen.target}` was not measured: {seen.reason}"
             console.print(Text(words, "yellow"))
             return False
         away = format_distance(seen.distance_m, seen.sigma_m, METRE)
-        console.print(f"In the last picture, the {seen.target} is {away} away.", markup=False)
+        console.print(f"{_picture(known)}: the {seen.target} is {away} away.", markup=False)
     return True
+
+
+def _picture(known: Known) -> str:
+    """Return what the picture is called that is measured at the end."""
+    return os.path.relpath(known.frame.source) if known.frame.source else "The last picture of the camera"
 
 
 def _next_commands(console: Console, known: Known) -> None:
     source = known.frame.source
-    pictures = os.path.relpath(source) if source else known.answers["camera"]
+    pictures = _picture(known) if source else known.answers["camera"]
     what = f"--live {known.file}" if known.is_live else shlex.quote(pictures)
     console.print("\nNext:", style="bold")
     names = rule_names(known.answers)

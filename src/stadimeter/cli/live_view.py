@@ -44,6 +44,7 @@ from stadimeter.cli.keyboard import RunKeys
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.measurement import Track, TrackStatus
+from stadimeter.core.outputs import NO_RULE
 from stadimeter.core.words import one_line
 
 # The screen is drawn anew this often at most.
@@ -349,6 +350,8 @@ def _who(trace: OutputTrace | None) -> Text:
     if trace is None:
         return Text()
     line = Text()
+    if trace.winner == "safe" and trace.reason == NO_RULE:
+        return line.append(NO_RULE, "dim")
     if trace.winner == "safe":
         line.append("safe value", "dim")
     else:

@@ -137,11 +137,11 @@ def _verb(output: str, configuration: Configuration) -> str:
 def _delay(delay: OnDelay) -> str:
     if delay.frames:
         return f" in {delay.frames} of {delay.of_frames} frames"
-    return f" for {delay.hold_s:g} s" if delay.hold_s else ""
+    return f" for {duration(delay.hold_s)}" if delay.hold_s else ""
 
 
 def _ends(rule: AlarmRule) -> str:
-    held = f"for {rule.off_delay_s:g} s" if rule.off_delay_s else "at once"
+    held = f"for {duration(rule.off_delay_s)}" if rule.off_delay_s else "at once"
     return f"when {describe_end(rule.condition)} {held}"
 
 
@@ -149,15 +149,15 @@ def _lost_alarm(rule: AlarmRule) -> str:
     lost = rule.lost
     if not any(leaf.has_figures for leaf in leaves(rule.condition)):  # none that is not known out of sight
         return ""
-    given_up = f", and goes to the safe state after {lost.fault_after_s:g} s" if rule.output else ""
+    held = f" for {duration(lost.fault_after_s)}, then goes safe" if rule.output else " until it is seen again"
     match lost.policy:
         case LostPolicy.HOLD:
-            return f" When lost: stays as it was{given_up}."
+            return f" If lost, it holds{held if not rule.latch else ''}."
         case LostPolicy.CLEAR:
-            later = f" {rule.off_delay_s:g} s later" if rule.off_delay_s else ""
-            return f" When lost for {lost.grace_s:g} s: clears{later}."
+            later = f" {duration(rule.off_delay_s)} later" if rule.off_delay_s else ""
+            return f" If lost for {duration(lost.grace_s)}, it clears{later}."
         case _:
-            return f" When lost for {lost.grace_s:g} s: raised, since not seeing counts as danger."
+            return f" If lost for {duration(lost.grace_s)}, it is raised: not seeing counts as danger."
 
 
 def _wins(rule: AnyRule, configuration: Configuration) -> str:

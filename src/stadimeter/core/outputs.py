@@ -14,7 +14,7 @@ from stadimeter.core.plan import BaseOutput, LevelOutput, Output
 from stadimeter.core.rule import LevelRequest, Request, TwistRequest
 from stadimeter.core.safety import SafetyState
 
-NOBODY = "no rule drives it"
+NO_RULE = "no rule is active"
 
 AT_REST = (0.0, 0.0)
 
@@ -30,7 +30,8 @@ class OutputStep(Struct, frozen=True, kw_only=True):
 
 def new_output(output: Output) -> OutputStep:
     """Return an output at the start of a run: at its safe value."""
-    return OutputStep(command=safe_command(output), trace=OutputTrace(output=output.name, winner="safe", reason=NOBODY))
+    trace = OutputTrace(output=output.name, winner="safe", reason=NO_RULE)
+    return OutputStep(command=safe_command(output), trace=trace)
 
 
 def safe_command(output: Output) -> Command:
@@ -78,7 +79,7 @@ def _step(
         return OutputStep(command=safe_command(output), trace=_trace(before, ("safety", forbidden, ""), wanted))
     winner = wanted[0] if wanted else None
     command, changes = _command(output, before, winner, safety.frame.captured_at_s, step_s)
-    told = (winner.rule, "", winner.by) if winner else ("safe", NOBODY, "")
+    told = (winner.rule, "", winner.by) if winner else ("safe", NO_RULE, "")
     trace = _trace(before, told, wanted[1:])
     if command is before.command and trace is before.trace:
         return before

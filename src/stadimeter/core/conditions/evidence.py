@@ -118,12 +118,12 @@ def _turning_points(leaf: Leaf, inputs: RuleInputs, *, is_on: bool) -> tuple[flo
 
 
 def describe_begin(condition: Condition) -> str:
-    r"""Return a clause such as ``\`ball\` is nearer than 0.50 m (1.6 ft) with a probability of 80%``."""
+    r"""Return a clause such as ``80% sure that \`ball\` is nearer than 0.50 m (1.6 ft)``."""
     match condition:
         case Leaf():
             words = condition.begins
             on = condition.probability_on
-            return words if on is None else f"{words} with a probability of {on:.0%}"
+            return words if on is None else f"{on:.0%} sure that {words}"
         case Not():
             return f"not ({describe_begin(condition.condition)})"
         case _:

@@ -304,11 +304,9 @@ def _refuse(
     if rejected > settings.outliers_max or rival.frames >= AGREEING_FRAMES:
         return _begin(state, rival, settings)
     is_outlier = innovation.sigmas > settings.gate_sigmas
-    if is_outlier:
-        far = f"{innovation.sigmas:.1f} standard deviations from what was expected, limit {settings.gate_sigmas:.1f}"
-    else:
-        far = "far from what was expected of a target at rest or a steady speed; the next frame tells"
-    reason = f"outlier {rejected} of {settings.outliers_max}: {sighting.distance_m:.2f} m is {far}"
+    far = f", {innovation.sigmas:.1f} standard deviations off, limit {settings.gate_sigmas:.1f}" if is_outlier else ""
+    jumped = f"jumped to {sighting.distance_m:.2f} m{far}; waiting for more frames"
+    reason = f"outlier {rejected} of {settings.outliers_max}: {jumped}"
     track = replace(state.track, rejected=rejected)
     refused = replace(state, track=track, candidate=rival, is_doubted=not is_outlier)
     return _coast(refused, moved, sighting.at_s, settings, reason)

@@ -58,8 +58,8 @@ class CalibrationStep(SetupStep):
             unattended=GUESS if known.is_live and options[0].answer != CAMERA_FILE else "",
             form=(
                 f"a distance to {_measured_to(known)}, such as 1 m, or 1 m ± 5 mm if you know how well; pictures with "
-                "their distances to its middle, such as near.jpg@50cm far.jpg@2m; a camera file; or the width of the "
-                "view, such as 60 deg"
+                f"their distances{_to_middle(known)}, such as near.jpg@50cm far.jpg@2m; a camera file; or how wide "
+                "the camera sees, such as 60 deg"
             ),
         )
 
@@ -68,7 +68,7 @@ class CalibrationStep(SetupStep):
         if text.endswith(".toml"):
             return _from_file(known, text)
         if re.fullmatch(r"[\d.,]+\s*(deg|°)", text):
-            rough = ("This is rough: distances may be wrong by a tenth of themselves.",)
+            rough = ("This is a guess: distances may be wrong by 10 %.",)
             return _accept_lens(known, guess_lens(known.frame, text), text, rough)
         if "@" not in text:
             picture, seen = _picture_now(known, text)
@@ -96,6 +96,11 @@ def _measured_to(known: Known) -> str:
     return "its nearest point" if has_limb else f"the {thing_of(known.answers)}"
 
 
+def _to_middle(known: Known) -> str:
+    """Return what the distance of a picture is measured to, where that is another point than before a camera."""
+    return " to the ball's middle" if target_shape(build_target(known)).limb_radius_m else ""
+
+
 def _how_to_measure(known: Known) -> str:
     """Say between which points a distance is meant: to a ball, that with a picture is another than that alone."""
     to = _measured_to(known)
@@ -112,8 +117,8 @@ def _options(known: Known) -> Iterator[Option]:
         yield Option("1 m", f"the {thing_of(known.answers)} is 1 m from the lens now")
     named = {f"{known.relative(each.source)}@{Path(each.source).stem}" for each in known.frames if _is_named(each)}
     if named:
-        yield Option(shlex.join(sorted(named)), "the distances to the middle that the names say")
-    yield Option(GUESS, "a guess: the camera sees that much across; distances may be wrong by a tenth")
+        yield Option(shlex.join(sorted(named)), f"the distances in the names of the pictures{_to_middle(known)}")
+    yield Option(GUESS, "a guess of how wide the camera sees; distances may be wrong by 10 %")
 
 
 def _is_usable(known: Known, file: str) -> bool:

@@ -289,7 +289,7 @@ class OutputStep(SetupStep):
         others = {answer for key, answer in known.answers.items() if key.endswith(("_output", "_button"))}
         is_taken = any(each != self.recipe.output and each.split()[1:] == [pin] for each in others)
         usual = f"{driver} 24" if is_taken else self.recipe.output
-        wired = Option(usual, "wired to a pin of the header, by its BCM number")
+        wired = Option(usual, f"wired to GPIO {usual.split()[1]} of a Raspberry Pi")
         screen = Option(recipes.SCREEN, "nothing is wired yet; the live view shows it")
         report = [] if self.recipe.needs_output else [Option(recipes.NOTHING, "it only reports")]
         both = [wired, screen] if Computer().is_pi else [screen, wired]
@@ -297,7 +297,7 @@ class OutputStep(SetupStep):
             text=f"What shall “{self.recipe.title}” drive?",
             options=(*both, *report),
             ready=both[0].answer,
-            form="buzzer, led, relay or vibration-motor, and a pin, such as buzzer 23; screen; or nothing",
+            form="buzzer, led, relay or vibration-motor with its GPIO, such as buzzer 24",
         )
 
     def accept(self, known: Known, text: str) -> Accepted:

@@ -84,10 +84,16 @@ function Orders({ live, say, load, canOperate }) {
   return html`<div class="row">${canOperate && acts}<p class="grow">${(isLive && going) || idle}</p></div>`;
 }
 
+/** Why a clip was written: what happened, or which person saved it. */
+function why({ kind, source, reason }) {
+  if (kind === "order") return `Saved from ${source}${reason ? `: ${reason}` : ""}`;
+  return `${source} ${kind}: ${reason}`;
+}
+
 function Recording({ recording, canOperate, open, remove }) {
   const { name, seconds, bytes, unix_s, configuration, damage, is_growing, clip_of } = recording;
   const facts = [
-    clip_of && `${clip_of.source} ${clip_of.kind}: ${clip_of.reason}`,
+    clip_of && why(clip_of),
     format.moment(unix_s),
     seconds === null ? "" : format.span(seconds),
     format.size(bytes),
