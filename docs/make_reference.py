@@ -350,10 +350,11 @@ def pages() -> dict[str, str]:
     made["messages"] = itertools.chain(made["messages"], fields_section())
     made |= {"conditions": conditions_page()} | {name: make() for name, make in CODE_PAGES.items()}
     texts = {name: "\n\n".join([f"# {about[0]}", about[1], *made[name]]) for name, about in GIVEN["pages"].items()}
-    listed = [f"- [{title}]({name}.md): {words}" for name, (title, words) in GIVEN["pages"].items()]
-    texts["index"] = "# Reference\n\nEvery key, command and message, made from the program itself.\n\n" + "\n".join(
-        listed
-    )
+    lines = ["# Reference\n\nEvery key, command and message, made from the program itself.\n"]
+    for name, (title, words) in GIVEN["pages"].items():
+        first, *_ = re.split(r"(?<=[\w`])[.:](?=\s|$)", " ".join(words.split()))
+        lines.append(f"- [{title}]({name}.md): {first}.")
+    texts["index"] = "\n".join(lines)
     return {name: f"{text}\n" for name, text in texts.items()}
 
 
