@@ -202,7 +202,7 @@ def kind(given: Schema) -> str:
         for word, sign in (("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"), ("exclusiveMaximum", "<"))
         if isinstance(whole.get(word), int | float) and abs(whole[word]) < 1e12
     ]
-    names = {"integer": "whole number", "boolean": "yes or no", "string": "text", "array": "list"}
+    names = {"integer": "whole number", "boolean": "true or false", "string": "text", "array": "list"}
     return " ".join([names.get(str(whole.get("type")), str(whole.get("type", "text"))), *limits])
 
 
@@ -213,7 +213,8 @@ def row(name: str, key: str) -> tuple[str, str, str, str]:
     default = f"; default `{as_toml(in_degrees(prop['default']))}`" if "default" in prop else ""
     needed = "; **needed**" if key in table_of.get("required", ()) else ""
     shown = f"`{key} = {as_toml(example(name, key)[key])}`"
-    return f"`{key}`", prop.get("description", ""), kind(table_of["properties"][key]) + default + needed, shown
+    words = re.sub(r",? in (?:seconds|metres|hertz)(?=[;:.,])", "", prop.get("description", ""))
+    return f"`{key}`", words, kind(table_of["properties"][key]) + default + needed, shown
 
 
 def words_of(name: str) -> str:
@@ -349,10 +350,11 @@ def pages() -> dict[str, str]:
     made["messages"] = itertools.chain(made["messages"], fields_section())
     made |= {"conditions": conditions_page()} | {name: make() for name, make in CODE_PAGES.items()}
     texts = {name: "\n\n".join([f"# {about[0]}", about[1], *made[name]]) for name, about in GIVEN["pages"].items()}
-    listed = [f"- [{title}]({name}.md): {words}" for name, (title, words) in GIVEN["pages"].items()]
-    texts["index"] = "# Reference\n\nEvery key, command and message, made from the program itself.\n\n" + "\n".join(
-        listed
-    )
+    lines = ["# Reference\n\nEvery key, command and message, made from the program itself.\n"]
+    for name, (title, words) in GIVEN["pages"].items():
+        first, *_ = re.split(r"(?<=[\w`])[.:](?=\s|$)", " ".join(words.split()))
+        lines.append(f"- [{title}]({name}.md): {first}.")
+    texts["index"] = "\n".join(lines)
     return {name: f"{text}\n" for name, text in texts.items()}
 
 

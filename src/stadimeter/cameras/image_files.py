@@ -214,7 +214,7 @@ def _one_or_many(value: object) -> object:
 
 
 class ImageFilesOptions(DriverOptions):
-    """The options of the ``images`` camera."""
+    """The options of picture files as a camera."""
 
     paths: Annotated[tuple[FilePath, ...], BeforeValidator(_one_or_many), Field(min_length=1)]
     """Picture files, patterns such as ``shots/*.jpg``, or folders, in the order in which they are shown. The files of a

@@ -272,7 +272,7 @@ DEVICE_WAIT_S = 1.0
 
 
 class OpenCvOptions(OpenCvSettings):
-    """The options of the ``opencv`` camera."""
+    """The options of a USB camera, or of a stream by its address."""
 
     def build(self, context: DriverContext) -> OpenCvCamera:
         """Return the camera."""

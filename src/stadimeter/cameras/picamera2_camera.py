@@ -453,7 +453,7 @@ SETTLING_FRAMES = 10
 
 
 class Picamera2Options(Picamera2Settings):
-    """The options of the ``picamera2`` camera."""
+    """The options of a Raspberry Pi's own camera, on the ribbon cable."""
 
     def build(self, context: DriverContext) -> Picamera2Camera:
         """Return the camera."""

@@ -34,7 +34,7 @@ ENOUGH_OF_THE_FRAMES = 0.9
 
 
 class VideoFileOptions(DriverOptions):
-    """The options of the ``video`` camera."""
+    """The options of a video file as a camera."""
 
     path: FilePath
     """The video file."""

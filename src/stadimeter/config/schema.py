@@ -217,6 +217,8 @@ class _Generator(GenerateJsonSchema):
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
         made = super().default_schema(schema)
         default = made.get("default")
+        if isinstance(default, list) and default[1:] == [None]:  # a figure that does not say how well it is known
+            default = made["default"] = default[0]
         if default in (None, math.inf) or isinstance(default, dict):
             made.pop("default", None)
         elif "x-unit" in made and isinstance(default, int | float):

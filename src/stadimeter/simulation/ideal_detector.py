@@ -28,7 +28,7 @@ _CIRCLE: Points = np.stack((np.cos(_ANGLES), np.sin(_ANGLES)), axis=1)
 
 
 class IdealDetectorOptions(DriverOptions):
-    """The options that the table of an ideal detector may hold."""
+    """The options of a detector that looks at the simulated world instead of the picture."""
 
     needs_world: ClassVar = True
     needs_pixels: ClassVar = False
