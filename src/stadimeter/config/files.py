@@ -97,7 +97,9 @@ def read_untrusted_text(path: Path, most_bytes: int) -> str:
         return read_untrusted(path, most_bytes).decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
-        raise UnreadableError(path, "it is not UTF-8 text", line) from error
+        byte = error.object[error.start]
+        kind = "UTF-16" if error.object[:2] in {b"\xff\xfe", b"\xfe\xff"} else f"it has the byte 0x{byte:02X}"
+        raise UnreadableError(path, f"it is not UTF-8 text ({kind})", line) from error
 
 
 def lines_of(file: BinaryIO, most_bytes: int = JSON_MAX_BYTES) -> Iterator[bytes]:
