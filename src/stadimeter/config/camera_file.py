@@ -18,7 +18,7 @@ from msgspec import to_builtins
 from msgspec.structs import replace
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from stadimeter.config.files import CAMERA_FILE_MAX_BYTES, write_atomically
+from stadimeter.config.files import CAMERA_FILE_MAX_BYTES, read_untrusted_text, write_atomically
 from stadimeter.config.findings import Finding, findings_of, problems
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import Texts, as_toml, read_toml
@@ -37,7 +37,7 @@ from stadimeter.core.camera_model import (
 )
 from stadimeter.core.frame import Optics, Subsampling
 from stadimeter.core.stereo_rig import UNKNOWNS, StereoRig, with_uncertainties
-from stadimeter.errors import CalibrationError, ConfigError, Problem, reason_of
+from stadimeter.errors import CalibrationError, ConfigError, Problem, UnreadableError, reason_of
 
 # The camera file: a camera model as a small TOML text. And what a picture file says of the camera that took it --------
 
@@ -56,6 +56,9 @@ _PNG_START = b"\x89PNG\r\n\x1a\n"
 _PNG_HEADER_BYTES = 33
 _OPTICS = b"stadimeter-optics\0"
 _OPTICS_CHUNK = re.compile(rb"(.{4})tEXt" + _OPTICS + rb"(\{[ -~]{1,1000}\})", re.DOTALL)
+
+# Files of other programs that calibrate have one of these.
+FOREIGN_SUFFIXES = {".yml", ".yaml", ".json", ".xml"}
 
 # The hint where there is no camera file.
 HOW_TO_MAKE_ONE = "make it with `stadimeter calibrate distance PICTURE@DISTANCE -o FILE`"
@@ -178,8 +181,24 @@ def load_camera_model(path: Path, texts: Texts | None = None) -> CameraModel:
     Raises:
         ConfigError: It lists everything that is wrong, each with its line where that is known.
     """
+    if path.suffix.lower() in FOREIGN_SUFFIXES and (foreign := _foreign_table(path, texts)) is not None:
+        return _model(foreign, str(path), {})
     source = read_toml(path, CAMERA_FILE_MAX_BYTES, missing_hint=HOW_TO_MAKE_ONE, texts=texts)
     return _model({"edge_bias_sigma_px": UNKNOWN_EDGE_BIAS_SIGMA_PX, **source.table}, str(path), source.spans)
+
+
+def _foreign_table(path: Path, texts: Texts | None) -> dict[str, Any] | None:
+    """Return the camera file that says the same as a calibration file of another program; None if it is none."""
+    from stadimeter.config import other_calibrations  # noqa: PLC0415 - few have such files
+
+    try:
+        text = (texts or {}).get(path) or read_untrusted_text(path, CAMERA_FILE_MAX_BYTES)
+        return other_calibrations.camera_table(text) if other_calibrations.looks_foreign(text) else None
+    except UnreadableError:
+        return None  # said where it is read as TOML
+    except ValueError as error:
+        words = f"this calibration file of another program cannot be used: {error}"
+        raise ConfigError([Problem(words, str(path), hint=HOW_TO_MAKE_ONE, code="bad-value")]) from error
 
 
 def save_camera_model(path: Path, model: CameraModel) -> None:
