@@ -46,7 +46,7 @@ def camera_table(text: str) -> dict[str, Any]:
     coefficients = _numbers(text, "distortion_coefficients|distortion_coeffs|dist_coeffs|distCoeffs")
     if any(coefficients[LENS_COEFFICIENTS:]):
         raise ValueError(
-            f"its lens has {len(coefficients)} coefficients (a rational model), and a camera file k1, k2, p1, p2 and k3: "
+            f"its lens has {len(coefficients)} coefficients (rational model), and a camera file k1, k2, p1, p2 and k3: "
             "calibrate with 5 of them"
         )
     return {
