@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import to_builtins
@@ -140,6 +140,8 @@ class CameraModelTable(BaseModel):
     """When, as an ISO 8601 date."""
     notes: tuple[str, ...] = ()
     """The figures that it came from, one a line."""
+    taken_with: dict[Literal["focal_length_mm", "equivalent_mm", "digital_zoom"], Annotated[float, Field(gt=0)]] = {}
+    """How the lens was set, as the pictures' EXIF data state it; other pictures are compared with it."""
     medium: Medium = "air"
     """What the camera looks into through a flat window: ``"water"`` or ``"sea water"``, if it was calibrated in air."""
     port_m: Annotated[float, Field(ge=0, le=MAX_PORT_M, strict=True)] = 0.0
@@ -149,14 +151,16 @@ class CameraModelTable(BaseModel):
 
     def to_model(self) -> CameraModel:
         """Return the camera model; raises CalibrationError if there is none with these values."""
-        beside = {"lens_sigmas", "lens_correlations", "method", "date", "notes", "optics", "medium", "port_m"}
+        beside = {"lens_sigmas", "lens_correlations", "optics", "medium", "port_m", *Provenance.__struct_fields__}
         given = self.model_dump(exclude=beside, exclude_none=True)
         centre = {"cx_px": (self.width_px - 1) / 2, "cy_px": (self.height_px - 1) / 2}
         in_air = CameraModel(
             **{"fy_px": self.fx_px, **centre, **given},
             optics=None if self.optics is None else self.optics.to_optics(),
             uncertainty=self._uncertainty(),
-            provenance=Provenance(method=self.method, date=self.date, notes=self.notes),
+            provenance=Provenance(
+                method=self.method, date=self.date, notes=self.notes, taken_with=dict(self.taken_with)
+            ),
         )
         return behind_flat_port(in_air, self.medium, self.port_m)
 
@@ -256,11 +260,20 @@ focal_relative_sigma = {model.focal_relative_sigma!r}
 {_uncertainty(model.uncertainty)}
 method = {as_toml(provenance.method)}
 date = {as_toml(provenance.date)}
-
+{_taken_with(provenance)}
 # The figures that it came from; F is the focal length that one picture by itself gives.
 notes = [
 {notes}]
 {_optics(model.optics)}"""
+
+
+def _taken_with(provenance: Provenance) -> str:
+    if not provenance.taken_with:
+        return ""
+    return f"""
+# How the lens was set, as the pictures' EXIF data state it.
+taken_with = {as_toml(provenance.taken_with)}
+"""
 
 
 def _optics(optics: Optics | None) -> str:
