@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import to_builtins
@@ -78,6 +78,9 @@ SigmaOfParameter = Annotated[float, Field(ge=0, strict=True)]
 Correlation = Annotated[float, Field(ge=-1, le=1, strict=True)]
 
 
+_LensSetting = Annotated[str, Field(pattern="^(focal_length_mm|equivalent_mm|digital_zoom)$")]
+
+
 class OpticsTable(BaseModel):
     """The camera's settings when it was calibrated, as far as they change its focal length in pixels."""
 
@@ -140,7 +143,7 @@ class CameraModelTable(BaseModel):
     """When, as an ISO 8601 date."""
     notes: tuple[str, ...] = ()
     """The figures that it came from, one a line."""
-    taken_with: dict[Literal["focal_length_mm", "equivalent_mm", "digital_zoom"], Annotated[float, Field(gt=0)]] = {}
+    taken_with: dict[_LensSetting, Annotated[float, Field(gt=0)]] = {}
     """How the lens was set, as the pictures' EXIF data state it; other pictures are compared with it."""
     medium: Medium = "air"
     """What the camera looks into through a flat window: ``"water"`` or ``"sea water"``, if it was calibrated in air."""
@@ -158,9 +161,7 @@ class CameraModelTable(BaseModel):
             **{"fy_px": self.fx_px, **centre, **given},
             optics=None if self.optics is None else self.optics.to_optics(),
             uncertainty=self._uncertainty(),
-            provenance=Provenance(
-                method=self.method, date=self.date, notes=self.notes, taken_with=dict(self.taken_with)
-            ),
+            provenance=Provenance(method=self.method, date=self.date, notes=self.notes, taken_with=self.taken_with),
         )
         return behind_flat_port(in_air, self.medium, self.port_m)
 
