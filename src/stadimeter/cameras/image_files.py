@@ -44,7 +44,8 @@ def load_picture(path: Path | str) -> Picture:
     """Read a picture as 8 bits a channel, blue first, shape ``(height, width, 3)``.
 
     Grey pictures get three equal channels, of more bits the upper 8 in use are kept, and transparency is dropped: each
-    pixel keeps the colour that is stored for it. A picture whose EXIF data say that the camera was turned is turned upright.
+    pixel keeps the colour that is stored for it. A picture whose EXIF data say that the camera was turned is turned
+    upright.
 
     A JPEG or PNG that was cut short is refused, and a JPEG that is damaged inside. OpenCV would fill the missing part,
     and a target at the edge of that part would be measured.
