@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import math
 import re
 import threading
@@ -10,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -340,12 +342,58 @@ def basic(authorization: str) -> bool:
     return authorization == "Basic " + base64.b64encode(b"me:se@cret").decode()
 
 
-def test_user_and_password_of_the_address_are_sent(server: Server, open_camera: Callable[..., OpenCvCamera]) -> None:
-    server.challenge, server.allows = 'Basic realm="cam"', basic
+def digest(name: str, hashed: Callable[[bytes], Any]) -> Callable[[str], bool]:
+    """Return the check of a server that asks for a digest, written down from RFC 7616, section 3.4."""
+
+    def is_right(authorization: str) -> bool:
+        given = dict(re.findall(r'(\w+)="?([^",]+)"?', authorization))
+        if not authorization.startswith("Digest ") or given.get("algorithm", name) != name:
+            return False
+        of = lambda text: hashed(text.encode()).hexdigest()  # noqa: E731
+        secret = of("me:cam:se@cret")
+        secret = of(f"{secret}:n0nce:{given['cnonce']}") if name.endswith("-sess") else secret
+        asked = of("GET:/cam")
+        between = f"{given['nc']}:{given['cnonce']}:auth:" if "qop" in given else ""
+        return given["response"] == of(f"{secret}:n0nce:{between}{asked}")
+
+    return is_right
+
+
+DIGEST = 'Digest realm="cam", nonce="n0nce", qop="auth,auth-int", algorithm='
+LOGINS: dict[str, tuple[str, Callable[[str], bool]]] = {
+    "basic": ('Basic realm="cam"', basic),
+    "without qop": ('Digest realm="cam", nonce="n0nce"', digest("MD5", hashlib.md5)),
+    "md5": (f"{DIGEST}MD5", digest("MD5", hashlib.md5)),
+    "md5-sess": (f"{DIGEST}MD5-sess", digest("MD5-sess", hashlib.md5)),
+    "sha-256": (f"{DIGEST}SHA-256", digest("SHA-256", hashlib.sha256)),
+    "the better of two": (f"{DIGEST}MD5, {DIGEST}SHA-256", digest("SHA-256", hashlib.sha256)),
+    "behind one that is not known": ('Negotiate, Basic realm="cam"', basic),
+}
+
+
+@pytest.mark.parametrize("way", LOGINS)
+def test_user_and_password_of_the_address_are_sent(
+    server: Server, open_camera: Callable[..., OpenCvCamera], way
+) -> None:
+    server.challenge, server.allows = LOGINS[way]
     assert open_camera(f"http://me:se%40cret@{server.place}/cam").read().width_px == SIZE[0]
     with pytest.raises(DeviceOpenError, match="answers 401") as raised:
         open_camera(f"http://me:wrong@{server.place}/cam?token=hidden")
     assert not {"wrong", "hidden"} & set(str(raised.value).replace("=", " ").replace(":", " ").split())
+
+
+def test_a_login_that_cannot_be_answered_is_named(server: Server, open_camera: Callable[..., OpenCvCamera]) -> None:
+    server.challenge, server.allows = f"{DIGEST}SHA-512-256", lambda _authorization: False
+    with pytest.raises(DeviceOpenError, match="asks for a login by Digest SHA-512-256; Basic and Digest"):
+        open_camera(f"http://me:secret@{server.place}/cam")
+    with pytest.raises(DeviceOpenError, match=r"asks for user and password \(Digest SHA-512-256\); write them"):
+        open_camera(f"http://{server.place}/cam")
+
+
+def test_an_address_of_one_picture_is_said_to_be_no_stream(server: Server, open_camera) -> None:
+    server.content_type = "image/jpeg"
+    with pytest.raises(DeviceOpenError, match="one picture, not a stream"):
+        open_camera()
 
 
 def test_what_is_no_stream_of_pictures_is_left_to_ffmpeg(
@@ -425,9 +473,24 @@ def test_a_part_that_was_cut_short_swallows_no_part_after_it() -> None:
 
 
 def test_a_part_without_a_time_stamp_has_none() -> None:
-    (part,) = parts_of("frame", b"\r\n--frame\r\nContent-Length: 3\r\nX-Timestamp: soon\r\n\r\nabc")
-    assert part.body == b"abc"
+    (part,) = parts_of("frame", b"\r\n--frame\r\nContent-Length: 3\r\nX-Timestamp: soon\r\n\r\na\xff\xd9")
+    assert part.body == b"a\xff\xd9"
     assert math.isnan(part.stamp_s)
+
+
+@each_case("length", [lambda size: size + 40, lambda size: size + 2, lambda size: 0 * size, lambda size: size - 7])
+def test_a_length_that_does_not_fit_costs_no_picture(length: Callable[[int], int]) -> None:
+    parser, found = Multipart("frame"), []
+    for jpeg in JPEGS * 3:
+        parser.feed(b"--frame\r\nContent-Length: %d\r\n\r\n%s\r\n" % (length(len(jpeg)), jpeg))
+        while (part := parser.next_part()) is not None:
+            found.append(part.body.rstrip(b"\r\n"))
+    assert found[2:] == [*JPEGS * 3][2 : len(found)]
+    assert len(found) == 9, "each is there when its own bytes are, but perhaps the first"
+
+
+def test_a_boundary_that_is_another_than_the_header_states_is_found() -> None:
+    assert [part.body.rstrip(b"\r\n") for part in parts_of("other", stream())] == list(JPEGS)
 
 
 @pytest.mark.parametrize(

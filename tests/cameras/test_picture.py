@@ -370,3 +370,40 @@ def test_a_damaged_jpeg_is_a_picture_or_an_error(scene: Image, count: int) -> No
         except PictureError:
             continue
         assert image.ndim == 3
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
+def test_the_bits_of_a_camera_may_lie_in_the_lower_ones_of_16(tmp_path: Path, scene: Image, bits: int) -> None:
+    assert scene.max() >= 128, "or fewer bits would be as likely"
+    levels = scene.astype(np.uint16) << (bits - 8) if bits > 8 else scene
+    for suffix in (".png", ".tif"):
+        path = tmp_path / f"{bits}{suffix}"
+        path.write_bytes(encode(levels, suffix))
+        assert np.array_equal(load_picture(path).image, scene)
+
+
+@pytest.mark.parametrize("most", [1.0, 255.0])
+def test_a_picture_of_floating_point_numbers_is_read_where_they_are_levels(
+    tmp_path: Path, scene: Image, most: float
+) -> None:
+    path = tmp_path / "float.tif"
+    path.write_bytes(encode(scene.astype(np.float32) / (255.0 / most), ".tif"))
+    assert np.array_equal(load_picture(path).image, scene)
+    for wrong in (-1.0, 1000.0, np.nan):
+        path.write_bytes(encode(np.full((8, 8, 3), wrong, np.float32), ".tif"))
+        assert "no levels of light" in refusal(path)
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        (b"\0\0\0\x18ftypheic\0\0\0\0mif1heic", "HEIC, as iPhones write it"),
+        (b"\0\0\0\x18ftypavif\0\0\0\0mif1", "AVIF"),
+        (b"II*\0\x10\0\0\0CR\2\0", "raw file"),
+        (b"GIF89a", "convert it to PNG"),
+    ],
+)
+def test_a_picture_of_another_kind_is_named_with_what_to_do(tmp_path: Path, head: bytes, words: str) -> None:
+    path = tmp_path / "other.heic"
+    path.write_bytes(head + bytes(1000))
+    assert words in refusal(path)

@@ -134,10 +134,39 @@ def test_what_is_no_text_file_is_no_configuration(tmp_path: Path) -> None:
     for path, words in (
         (tmp_path / "nowhere.toml", r"nowhere\.toml: there is no such file"),
         (tmp_path, "the file cannot be read: it is a folder"),
-        (tmp_path / "a.png", r"a\.png:1: .*it is not UTF-8 text \(is it a TOML file\?\)"),
+        (tmp_path / "a.png", r"a\.png:1: .*it is not UTF-8 text \(it has the byte 0x89\) \(save it as UTF-8"),
     ):
         with pytest.raises(ConfigError, match=words):
             load_configuration(path)
+
+
+WRITTEN_ELSEWHERE = [
+    ("diameter = “20 cm”", '“ (U+201C) is a typographic quote; write " in its place'),
+    (
+        '\u00a0diameter = "20 cm"',
+        "there is a space of another kind (U+00A0) in this line; write an ordinary one in its place",
+    ),
+    ("latency = \u201320", "\u2013 (U+2013) is a dash; write - in its place"),
+    ("when = { below = 50 cm }", 'text needs quotes: below = "50 cm"'),
+    ("max_turn_rate = 90deg/s", 'text needs quotes: max_turn_rate = "90deg/s"'),
+]
+
+
+def test_a_line_that_was_written_in_a_word_processor_or_without_quotes_says_what_to_write(tmp_path: Path) -> None:
+    for line, words in WRITTEN_ELSEWHERE:
+        path = tmp_path / "typed.toml"
+        path.write_text(f"# \u201cquoted\u201d, and 5 cm wide\n{line}\n")
+        with pytest.raises(ConfigError) as raised:
+            load_configuration(path)
+        (problem,) = raised.value.problems
+        assert (problem.line, problem.hint) == (2, words)
+
+
+def test_a_text_of_another_encoding_is_named(tmp_path: Path) -> None:
+    for encoding, words in (("latin-1", "it has the byte 0xFC"), ("utf-16", "UTF-16")):
+        (tmp_path / "old.toml").write_bytes("# für\n".encode(encoding))
+        with pytest.raises(ConfigError, match=words):
+            load_configuration(tmp_path / "old.toml")
 
 
 def test_an_empty_file_lacks_a_camera_and_a_target(told: Told) -> None:

@@ -66,6 +66,8 @@ def test_a_range_of_dark_colours_keeps_what_is_saturated() -> None:
         ("29,86,6:64,255,1.5", "value '1.5' is not a whole number"),
         ("29,86,6:64,,255", "saturation '' is not a whole number"),
         ("180,86,6:64,255,255", "hue 180 is outside 0 to 179"),
+        ("200,86,6:64,255,255", "a hue of 200 degrees is 100, since half the degrees are counted"),
+        ("29,40%,6:64,255,255", "40 % of 255 are 102"),
         ("29,-1,6:64,255,255", "saturation -1 is outside 0 to 255"),
         ("29,86,6:64,255,256", "value 256 is outside 0 to 255"),
         ("29,86,6:64,20,255", "the lower saturation 86 is above the upper one 20, so no colour fits"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -53,6 +54,43 @@ def test_a_broker_under_another_name_than_its_certificates_is_refused_in_words(
     messenger = make_messenger(secure_broker.port, host="localhost", tls=True, ca_file=str(certificate[0]))
     messenger.open()
     eventually(lambda: "is not trusted" in messenger.trouble())
+    assert "write as host a name that is in it, in place of 'localhost'" in messenger.trouble()
+
+
+@pytest.mark.parametrize(
+    ("years", "words"),
+    [((2040, 2041), r"not yet valid; this computer's clock says \d{4}-\d\d-\d\d \d\d:\d\d UTC: set it"),
+     ((2000, 2001), "expired; if it is .* today, renew it at the broker, else set this computer's clock")],
+)  # fmt: skip
+def test_a_certificate_of_another_time_names_the_clock_and_not_its_authority(
+    years, words, start_broker, make_messenger, certificate, tmp_path
+):
+    file = dated(tmp_path, certificate[1], *years)
+    messenger = make_messenger(start_broker(certificate=file, key=certificate[1]).port, tls=True, ca_file=str(file))
+    messenger.open()
+    eventually(lambda: re.search(words, messenger.trouble()))
+    assert "ca_file" not in messenger.trouble()
+
+
+def dated(folder: Path, key: Path, begins: int, ends: int) -> Path:
+    """Return a certificate that signs itself, valid between two years."""
+    (folder / "index.txt").touch()
+    (folder / "serial").write_text("01")
+    (folder / "ca.cnf").write_text(
+        f"[ca]\ndefault_ca=own\n[own]\ndatabase={folder}/index.txt\nserial={folder}/serial\nnew_certs_dir={folder}\n"
+        "default_md=sha256\npolicy=policy\nx509_extensions=names\n[policy]\ncommonName=supplied\n"
+        "[names]\nsubjectAltName=IP:127.0.0.1\n"
+    )
+    asked, file = folder / "asked.csr", folder / "dated.pem"
+    dates = ["-startdate", f"{begins}0101000000Z", "-enddate", f"{ends}0101000000Z"]
+    config = str(folder / "ca.cnf")
+    signed = ["ca", "-batch", "-config", config, "-selfsign", "-keyfile", str(key), "-in", str(asked), *dates]
+    for line in (
+        ["req", "-new", "-key", str(key), "-subj", "/CN=loopback", "-out", str(asked)],
+        [*signed, "-out", str(file)],
+    ):
+        subprocess.run(["openssl", *line], check=True, capture_output=True)
+    return file
 
 
 def test_a_port_for_tls_without_tls_is_said_in_words(secure_broker, make_messenger):

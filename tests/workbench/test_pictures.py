@@ -17,6 +17,8 @@ from typer.testing import CliRunner
 
 from stadimeter.cameras.image_files import ImageFilesCamera
 from stadimeter.cli.main import app
+from stadimeter.config.camera_file import load_camera_model, save_camera_model
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image, Optics
 from stadimeter.errors import CalibrationError
 from stadimeter.testing.rig import ManualClock
@@ -25,9 +27,11 @@ from stadimeter.workbench.calibration.board_session import Chessboard, find_boar
 from stadimeter.workbench.picture_metadata import (
     blur_sigma_px,
     check_lens_settings,
+    other_lens_notes,
     other_profile,
     picture_remarks,
     read_lens_settings,
+    with_lens_settings,
 )
 
 pytestmark = pytest.mark.vision
@@ -96,12 +100,12 @@ def written(folder: Path, name: str, data: bytes) -> Path:
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_the_settings_are_read_in_either_byte_order(tmp_path: Path, order: str) -> None:
     picture = written(tmp_path, "a.jpg", jpeg(order, {FOCAL: (412, 100), ZOOM: (2, 1)}, 30))
-    assert read_lens_settings(picture) == {FOCAL: 4.12, FOCAL_35: 30.0, ZOOM: 2.0}
+    assert read_lens_settings(picture) == {"focal_length_mm": 4.12, "equivalent_mm": 30.0, "digital_zoom": 2.0}
 
 
 def test_unknown_and_infinite_settings_are_none(tmp_path: Path) -> None:
     picture = written(tmp_path, "a.jpg", jpeg("<", {FOCAL: (0xFFFFFFFF, 1), ZOOM: (0, 1)}))
-    assert read_lens_settings(picture) == {ZOOM: 1.0}
+    assert read_lens_settings(picture) == {"digital_zoom": 1.0}
 
 
 @given(cut=st.integers(0, 200), junk=st.binary(max_size=40))
@@ -210,3 +214,24 @@ def test_the_blur_of_an_edge_is_measured() -> None:
         image = np.full((480, 640, 3), 60, np.uint8)
         cv2.rectangle(image, (200, 150), (440, 330), (200, 200, 200), -1)
         assert blur_sigma_px(cv2.GaussianBlur(image, (0, 0), sigma_px)) == pytest.approx(sigma_px, rel=0.2)
+
+
+def test_a_picture_of_another_lens_than_the_camera_files_is_remarked(tmp_path: Path) -> None:
+    wide, far, plain = (
+        written(tmp_path, name, jpeg("<", settings, focal_35))
+        for name, settings, focal_35 in (
+            ("wide.jpg", {FOCAL: (600, 100)}, 26),
+            ("far.jpg", {}, 77),
+            ("plain.jpg", {}, 0),
+        )
+    )
+    model = with_lens_settings(CameraModel.with_focal_length(600.0, 640, 480), [wide])
+    assert load_camera_model(saved(tmp_path / "camera.toml", model)) == model
+    assert [*other_lens_notes(model, [wide, plain])] == []
+    (note,) = other_lens_notes(model, [far])
+    assert f"{far} was taken with 35 mm equivalent 77 mm, the pictures of the camera file with 26 mm" in note
+
+
+def saved(path: Path, model: CameraModel) -> Path:
+    save_camera_model(path, model)
+    return path

@@ -43,8 +43,9 @@ class Picture(Struct, frozen=True, kw_only=True, eq=False):
 def load_picture(path: Path | str) -> Picture:
     """Read a picture as 8 bits a channel, blue first, shape ``(height, width, 3)``.
 
-    Grey pictures get three equal channels, the upper 8 of 16 bits are kept, and transparency is dropped: each pixel
-    keeps the colour that is stored for it. A picture whose EXIF data say that the camera was turned is turned upright.
+    Grey pictures get three equal channels, of more bits the upper 8 in use are kept, and transparency is dropped: each
+    pixel keeps the colour that is stored for it. A picture whose EXIF data say that the camera was turned is turned
+    upright.
 
     A JPEG or PNG that was cut short is refused, and a JPEG that is damaged inside. OpenCV would fill the missing part,
     and a target at the edge of that part would be measured.
@@ -86,8 +87,10 @@ def _bytes_of(path: Path) -> bytes:
             f"this is a video: {path}; `stadimeter measure` takes videos, and `stadimeter snapshot --live"
             f" video,path={path} --count 10 -o FILE.png` takes pictures out of one"
         )
-    if not files.is_picture(head):
-        raise PictureError(f"{path} is not a picture of a kind that is read: {files.KINDS}")
+    what = files.other_kind(head)
+    if what or not files.is_picture(head):
+        remedy = f"; {what}" if what else ""
+        raise PictureError(f"{path} is not a picture of a kind that is read: {files.KINDS}{remedy}")
     try:
         return files.read_untrusted(path, files.PICTURE_MAX_BYTES)
     except UnreadableError as error:

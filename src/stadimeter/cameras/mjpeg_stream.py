@@ -25,6 +25,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from stadimeter.cameras.http_login import HttpLogin
 from stadimeter.config.files import JPEG_FILLED, PICTURE_MAX_PIXELS
 from stadimeter.core.frame import Image, SeenPictures
 from stadimeter.errors import DeviceOpenError, LinkLostError, PictureError
@@ -141,6 +142,16 @@ _LENGTH = re.compile(rb"^content-length[ \t]*:[ \t]*(\d{1,9})[ \t]*\r?$", re.IGN
 _STAMP = re.compile(rb"^x-timestamp[ \t]*:[ \t]*(\d{1,12}(?:\.\d{1,9})?)[ \t]*\r?$", re.IGNORECASE | re.MULTILINE)
 
 
+_MULTIPART = re.compile(
+    rb"\s*--([^\r\n]{1,70})\r?\n(?:[^\r\n]{1,200}\r?\n){0,8}content-type:[ \t]*image/jpe?g", re.IGNORECASE
+)
+
+
+def _delimiter_of(boundary: bytes) -> re.Pattern[bytes]:
+    line = rb"-*" + re.escape(boundary.lstrip(b"-")) if boundary else rb"--[^\r\n]{0,70}"
+    return re.compile(rb"\n" + line + rb"(?:--)?[ \t]*\r?\n")
+
+
 class StreamPart(Struct, frozen=True):
     """One part of the stream."""
 
@@ -155,6 +166,7 @@ class Multipart:
     lines that end in LF or CRLF, a ``Content-Length`` or none. A part ends at its length or at the next boundary,
     whichever comes first, so one that was cut short swallows no part after it. Without a length it also ends where
     what came so far ends like a JPEG, since many senders write the boundary only when the next picture is there.
+    Lengths that do not fit are not looked at any more: some senders count other bytes, or write 0.
 
     Args:
         boundary: What the ``Content-Type`` states; empty for any line that begins with two dashes.
@@ -162,12 +174,12 @@ class Multipart:
 
     def __init__(self, boundary: str) -> None:
         name = boundary.strip().lstrip("-").encode("latin-1", "replace")
-        line = rb"-*" + re.escape(name) if name else rb"--[^\r\n]{0,70}"
-        self._delimiter = re.compile(rb"\n" + line + rb"(?:--)?[ \t]*\r?\n")
+        self._delimiter = _delimiter_of(name)
         self._longest_delimiter = len(name) + 80
         self._data = bytearray(b"\n")
         self._body_at: int | None = None
         self._length: int | None = None
+        self._lengths_fit = True
         self._stamp_s = math.nan
         self._searched = 0
 
@@ -200,6 +212,9 @@ class Multipart:
 
     def _read_head(self) -> bool:
         delimiter = self._delimiter.search(self._data)
+        if delimiter is None and (other := _MULTIPART.search(self._data)):  # the header stated another boundary
+            self._delimiter = _delimiter_of(other[1])
+            delimiter = self._delimiter.search(self._data)
         if delimiter is None:
             del self._data[: -self._longest_delimiter]
             return False
@@ -217,16 +232,21 @@ class Multipart:
         return True
 
     def _end_of_body(self) -> int | None:
-        begin = self._body_at or 0
-        whole = None if self._length is None else begin + self._length
-        limit = len(self._data) if whole is None else min(len(self._data), whole)
+        begin, came = self._body_at or 0, len(self._data)
+        whole = begin + self._length if self._length is not None and self._lengths_fit else came
+        limit = min(came, whole)
         found = self._delimiter.search(self._data, max(begin, self._searched - self._longest_delimiter), limit)
+        at = limit if found is None else found.start()
+        end = _JPEG_END.search(self._data, max(begin, at - 8), at)
         self._searched = limit
         if found is not None:
-            return found.start()
-        if whole is not None:
-            return whole if len(self._data) >= whole else None
-        end = _JPEG_END.search(self._data, max(begin, limit - 8))
+            # A whole picture that ends before its length: the length is wrong. One that was cut short has no such end.
+            self._lengths_fit = self._lengths_fit and (end is None or at + 2 >= whole or self._length is None)
+            return at
+        if came < whole:
+            return None
+        if end is None and self._length is not None:
+            self._lengths_fit = False  # a picture goes on there
         return end.start() + 2 if end else None
 
 
@@ -238,9 +258,6 @@ DRAIN_MAX_BYTES = 32 << 20
 
 SNIFFED_BYTES = 1024
 
-_MULTIPART = re.compile(
-    rb"\s*--([^\r\n]{1,70})\r?\n(?:[^\r\n]{1,200}\r?\n){0,8}content-type:[ \t]*image/jpe?g", re.IGNORECASE
-)
 _CHUNK = re.compile(rb"(?:\r\n)?([0-9a-fA-F]{1,8})[^\r\n]{0,200}\r\n")
 
 
@@ -406,8 +423,8 @@ class _Pauses:
 def open_mjpeg(address: str, open_timeout_s: float, read_timeout_s: float, seen: SeenPictures) -> MjpegStream | None:
     """Ask an address for a stream of pictures; None if it answers with something else, such as HLS or MP4.
 
-    Redirections are followed, within limits. User and password in the address serve for basic and digest
-    authentication, and go to no other host. The time limit to open is that of each step of the connection.
+    Redirections are followed, within limits. User and password in the address answer a sender that asks for them, and
+    go to no other host. The time limit to open is that of each step of the connection.
 
     Raises:
         DeviceOpenError: It does not answer, or refuses; the message says why, without the address.
@@ -415,6 +432,8 @@ def open_mjpeg(address: str, open_timeout_s: float, read_timeout_s: float, seen:
     try:
         response = _opener(address).open(_without_user(address), timeout=open_timeout_s)
         return _stream_of(response, read_timeout_s, seen)
+    except DeviceOpenError:
+        raise
     except HTTPError as error:
         error.close()
         traceback.clear_frames(error.__traceback__)  # they hold the answers to earlier tries, with their sockets
@@ -431,6 +450,9 @@ def _stream_of(response: http.client.HTTPResponse, read_timeout_s: float, seen: 
     if response.headers.get_content_maintype() == "multipart":
         boundary = str(response.headers.get_param("boundary") or "")
         return MjpegStream(body, boundary, b"", read_timeout_s, seen)
+    if response.headers.get_content_maintype() == "image":
+        response.close()
+        raise DeviceOpenError("it gives one picture, not a stream; look for the camera's address of MJPEG or RTSP")
     # FFmpeg, and what is made with it, sends such streams as bytes of no type; it would also recognise them by this.
     begin = b""
     deadline_s = time.monotonic() + read_timeout_s
@@ -444,18 +466,14 @@ def _stream_of(response: http.client.HTTPResponse, read_timeout_s: float, seen: 
 
 def _opener(address: str) -> urllib.request.OpenerDirector:
     """Return the opener that asks for an address: HTTP only, without proxies, so that no redirection reads a file."""
-    passwords = urllib.request.HTTPPasswordMgrWithDefaultRealm()
     parts = urlsplit(address)
-    if parts.username is not None:
-        passwords.add_password(None, _without_user(address), unquote(parts.username), unquote(parts.password or ""))
     opener = urllib.request.OpenerDirector()
     for handler in (
         urllib.request.UnknownHandler(),
         urllib.request.HTTPDefaultErrorHandler(),
         urllib.request.HTTPRedirectHandler(),
         urllib.request.HTTPErrorProcessor(),
-        urllib.request.HTTPDigestAuthHandler(passwords),
-        urllib.request.HTTPBasicAuthHandler(passwords),
+        HttpLogin(unquote(parts.username or ""), unquote(parts.password or ""), parts.netloc.rpartition("@")[2]),
         urllib.request.HTTPHandler(),
         urllib.request.HTTPSHandler(),
     ):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
-from msgspec.structs import asdict
+from msgspec.structs import asdict, replace
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.cli.exits import DONE, NOT_FOUND, count_items, plain_errors, say_note, working
@@ -49,7 +49,7 @@ from stadimeter.ranging.stereo_calibration import StereoCalibration
 from stadimeter.workbench.calibration import board_session, live_distance
 from stadimeter.workbench.frame_source import Source
 from stadimeter.workbench.measuring import open_picture
-from stadimeter.workbench.picture_metadata import check_lens_settings
+from stadimeter.workbench.picture_metadata import check_lens_settings, other_lens_notes, with_lens_settings
 from stadimeter.workbench.stereo import find_board_pairs, pair_pictures
 
 # The command ``calibrate size``: how large a thing is, from how it grows while the camera moves by known steps --------
@@ -422,6 +422,7 @@ def _board_from_pictures(pictures: Sequence[Path], wanted: board_session.Board) 
         made = calibrate_board(
             found.views, found.width_px, found.height_px, date=board_session.today(), optics=found.optics
         )
+    made = replace(made, camera_model=with_lens_settings(made.camera_model, pictures))
     return made, not found.missed and not any(view.was_left_out for view in made.views)
 
 
@@ -651,6 +652,8 @@ def _from_pictures(
     if not usable:
         _nothing_written("no picture can be used")
     made, all_found = _fit(usable, lambda name: open_picture(Path(name)), wanted, distance_relative_sigma)
+    model = with_lens_settings(made.camera_model, [Path(each.picture) for each in usable])
+    made = replace(made, camera_model=model)
     return made, all_found and len(usable) == len(pictures)
 
 
@@ -676,6 +679,8 @@ def _fit(
 def _look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: CameraModel | None) -> list[KnownDistance]:
     """Return the pictures in which the target is found; say on standard error which cannot be used, and why."""
     taken = split_pictures(pictures, parse_known_length, "how far away the target is", "24in")
+    for note in other_lens_notes(camera_model, [path for path, _ in taken]) if camera_model else ():
+        say_note(note)
     (target,) = build_detectors(wanted.choices, camera_model)
     known = [
         live_distance.look_at_distance(str(path), open_picture(path), depth_m, target, camera_model)

@@ -47,7 +47,7 @@ from stadimeter.workbench import measuring
 from stadimeter.workbench.annotation import Mark, annotate, write_picture
 from stadimeter.workbench.colour_aids import colour_notes
 from stadimeter.workbench.measuring import Measuring, PictureResult, TargetResult, is_video_file, open_picture
-from stadimeter.workbench.picture_metadata import profile_notes
+from stadimeter.workbench.picture_metadata import other_lens_notes, profile_notes
 
 if TYPE_CHECKING:
     from stadimeter.core.stereo_rig import StereoRig
@@ -402,7 +402,7 @@ class _Work(Struct, frozen=True, kw_only=True):
 
     def files(self, files: Sequence[Path], rig: StereoRig | None, copies: Path | None) -> int:
         """Measure pictures, pairs of them or videos one after the other, and return the worst of their exit codes."""
-        for note in profile_notes(files):
+        for note in (*profile_notes(files), *other_lens_notes(self.camera_model, files)):
             say_note(note)
         taken: Sequence[tuple[Path, ...]] = [(each,) for each in files]
         measure: Callable[..., PictureResult] = self.measuring.measure_file

@@ -18,7 +18,7 @@ from msgspec import to_builtins
 from msgspec.structs import replace
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from stadimeter.config.files import CAMERA_FILE_MAX_BYTES, write_atomically
+from stadimeter.config.files import CAMERA_FILE_MAX_BYTES, read_untrusted_text, write_atomically
 from stadimeter.config.findings import Finding, findings_of, problems
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import Texts, as_toml, read_toml
@@ -37,7 +37,7 @@ from stadimeter.core.camera_model import (
 )
 from stadimeter.core.frame import Optics, Subsampling
 from stadimeter.core.stereo_rig import UNKNOWNS, StereoRig, with_uncertainties
-from stadimeter.errors import CalibrationError, ConfigError, Problem, reason_of
+from stadimeter.errors import CalibrationError, ConfigError, Problem, UnreadableError, reason_of
 
 # The camera file: a camera model as a small TOML text. And what a picture file says of the camera that took it --------
 
@@ -57,6 +57,9 @@ _PNG_HEADER_BYTES = 33
 _OPTICS = b"stadimeter-optics\0"
 _OPTICS_CHUNK = re.compile(rb"(.{4})tEXt" + _OPTICS + rb"(\{[ -~]{1,1000}\})", re.DOTALL)
 
+# Files of other programs that calibrate have one of these.
+FOREIGN_SUFFIXES = {".yml", ".yaml", ".json", ".xml"}
+
 # The hint where there is no camera file.
 HOW_TO_MAKE_ONE = "make it with `stadimeter calibrate distance PICTURE@DISTANCE -o FILE`"
 
@@ -73,6 +76,9 @@ CentrePixels = Annotated[float, Field(strict=True)]
 Coefficient = Annotated[float, Field(strict=True)]
 SigmaOfParameter = Annotated[float, Field(ge=0, strict=True)]
 Correlation = Annotated[float, Field(ge=-1, le=1, strict=True)]
+
+
+_LensSetting = Annotated[str, Field(pattern="^(focal_length_mm|equivalent_mm|digital_zoom)$")]
 
 
 class OpticsTable(BaseModel):
@@ -137,6 +143,8 @@ class CameraModelTable(BaseModel):
     """When, as an ISO 8601 date."""
     notes: tuple[str, ...] = ()
     """The figures that it came from, one a line."""
+    taken_with: dict[_LensSetting, Annotated[float, Field(gt=0)]] = {}
+    """How the lens was set, as the pictures' EXIF data state it; other pictures are compared with it."""
     medium: Medium = "air"
     """What the camera looks into through a flat window: ``"water"`` or ``"sea water"``, if it was calibrated in air."""
     port_m: Annotated[float, Field(ge=0, le=MAX_PORT_M, strict=True)] = 0.0
@@ -146,14 +154,14 @@ class CameraModelTable(BaseModel):
 
     def to_model(self) -> CameraModel:
         """Return the camera model; raises CalibrationError if there is none with these values."""
-        beside = {"lens_sigmas", "lens_correlations", "method", "date", "notes", "optics", "medium", "port_m"}
+        beside = {"lens_sigmas", "lens_correlations", "optics", "medium", "port_m", *Provenance.__struct_fields__}
         given = self.model_dump(exclude=beside, exclude_none=True)
         centre = {"cx_px": (self.width_px - 1) / 2, "cy_px": (self.height_px - 1) / 2}
         in_air = CameraModel(
             **{"fy_px": self.fx_px, **centre, **given},
             optics=None if self.optics is None else self.optics.to_optics(),
             uncertainty=self._uncertainty(),
-            provenance=Provenance(method=self.method, date=self.date, notes=self.notes),
+            provenance=Provenance(method=self.method, date=self.date, notes=self.notes, taken_with=self.taken_with),
         )
         return behind_flat_port(in_air, self.medium, self.port_m)
 
@@ -178,8 +186,24 @@ def load_camera_model(path: Path, texts: Texts | None = None) -> CameraModel:
     Raises:
         ConfigError: It lists everything that is wrong, each with its line where that is known.
     """
+    if path.suffix.lower() in FOREIGN_SUFFIXES and (foreign := _foreign_table(path, texts)) is not None:
+        return _model(foreign, str(path), {})
     source = read_toml(path, CAMERA_FILE_MAX_BYTES, missing_hint=HOW_TO_MAKE_ONE, texts=texts)
     return _model({"edge_bias_sigma_px": UNKNOWN_EDGE_BIAS_SIGMA_PX, **source.table}, str(path), source.spans)
+
+
+def _foreign_table(path: Path, texts: Texts | None) -> dict[str, Any] | None:
+    """Return the camera file that says the same as a calibration file of another program; None if it is none."""
+    from stadimeter.config import other_calibrations  # noqa: PLC0415 - few have such files
+
+    try:
+        text = (texts or {}).get(path) or read_untrusted_text(path, CAMERA_FILE_MAX_BYTES)
+        return other_calibrations.camera_table(text) if other_calibrations.looks_foreign(text) else None
+    except UnreadableError:
+        return None  # said where it is read as TOML
+    except ValueError as error:
+        words = f"this calibration file of another program cannot be used: {error}"
+        raise ConfigError([Problem(words, str(path), hint=HOW_TO_MAKE_ONE, code="bad-value")]) from error
 
 
 def save_camera_model(path: Path, model: CameraModel) -> None:
@@ -237,11 +261,20 @@ focal_relative_sigma = {model.focal_relative_sigma!r}
 {_uncertainty(model.uncertainty)}
 method = {as_toml(provenance.method)}
 date = {as_toml(provenance.date)}
-
+{_taken_with(provenance)}
 # The figures that it came from; F is the focal length that one picture by itself gives.
 notes = [
 {notes}]
 {_optics(model.optics)}"""
+
+
+def _taken_with(provenance: Provenance) -> str:
+    if not provenance.taken_with:
+        return ""
+    return f"""
+# How the lens was set, as the pictures' EXIF data state it.
+taken_with = {as_toml(provenance.taken_with)}
+"""
 
 
 def _optics(optics: Optics | None) -> str:

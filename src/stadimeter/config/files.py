@@ -9,7 +9,7 @@ import secrets
 import stat
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from stadimeter.errors import PictureError, UnreadableError
 
@@ -97,7 +97,9 @@ def read_untrusted_text(path: Path, most_bytes: int) -> str:
         return read_untrusted(path, most_bytes).decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
-        raise UnreadableError(path, "it is not UTF-8 text", line) from error
+        byte = error.object[error.start]
+        kind = "UTF-16" if error.object[:2] in {b"\xff\xfe", b"\xfe\xff"} else f"it has the byte 0x{byte:02X}"
+        raise UnreadableError(path, f"it is not UTF-8 text ({kind})", line) from error
 
 
 def lines_of(file: BinaryIO, most_bytes: int = JSON_MAX_BYTES) -> Iterator[bytes]:
@@ -165,6 +167,18 @@ _VIDEO_STARTS = (b"\x1aE\xdf\xa3", b"FLV", b"OggS", b"0&\xb2u", b"\0\0\x01\xba",
 _PICTURE_BRANDS = (b"heic", b"heix", b"mif1", b"msf1", b"avif")
 
 
+def other_kind(head: bytes) -> str:
+    """Return what to do with a picture of a kind that is not read, by its first bytes; empty for what is none."""
+    if head[4:8] == b"ftyp" and head[8:12] in _PICTURE_BRANDS:
+        kind = "AVIF" if head[8:12] == b"avif" else "HEIC, as iPhones write it"
+        return f"it is {kind}: convert it to JPEG, or set the telephone to write JPEG (on an iPhone: Most Compatible)"
+    if head.startswith((b"II*\0\x10\0\0\0CR", b"FUJIFILMCCD-RAW", b"IIRO", b"IIU\0")) or head[4:12] == b"ftypcrx ":
+        return "it is a raw file of a camera: convert it to JPEG or 16-bit TIFF"
+    if head.startswith((b"GIF8", b"%PDF", b"<svg")):
+        return "convert it to PNG"
+    return ""
+
+
 def is_video(head: bytes) -> bool:
     """Check whether a file begins as a video does. Some telephones store pictures in the container of MP4."""
     is_mp4 = head[4:8] == b"ftyp" and head[8:12] not in _PICTURE_BRANDS
@@ -191,7 +205,7 @@ def decode_picture(data: bytes) -> NDArray[np.uint8]:
 
     _refuse_damaged(data)
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     except cv2.error as error:
         if "CV_IO_MAX_IMAGE" in error.err:
             most = f"{PICTURE_MAX_PIXELS / 1e6:.0f} megapixels, the most that is read"
@@ -199,7 +213,24 @@ def decode_picture(data: bytes) -> NDArray[np.uint8]:
         raise PictureError(f"cannot be decoded: {error.err}") from error
     if image is None:
         raise PictureError("is damaged and cannot be decoded; copy it again")
-    return np.asarray(image, np.uint8)
+    return np.asarray(image if image.dtype == np.uint8 else _in_8_bits(image), np.uint8)
+
+
+def _in_8_bits(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return a picture of more than 8 bits in 8, or raise `PictureError` if its numbers are no levels.
+
+    Cameras put their 10, 12 or 14 bits into the lower bits of 16, so the largest number says how many there are. One
+    that is really so dark in 16 bits gets brighter, which does no harm: outlines are where half of the light is.
+    """
+    most = float(image.max())
+    if image.dtype == "uint16":
+        bits = next(each for each in (8, 10, 12, 14, 16) if most < 2**each)
+        return (image >> (bits - 8)).astype("uint8")
+    if not 0.0 <= float(image.min()) <= most <= 255.0:  # not so with a NaN either
+        raise PictureError(
+            "holds numbers that are no levels of light from 0 to 1 or 0 to 255; save it with 8 or 16 bits"
+        )
+    return (image * (255.0 if most <= 1.0 else 1.0)).round().astype("uint8")
 
 
 def _refuse_damaged(data: bytes) -> None:

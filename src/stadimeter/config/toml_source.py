@@ -10,6 +10,7 @@ import json
 import math
 import re
 import tomllib
+import unicodedata
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -58,7 +59,7 @@ def read_toml(path: Path, most_bytes: int, missing_hint: str = "", texts: Texts 
     except UnreadableError as error:
         is_missing = isinstance(error.__cause__, FileNotFoundError)
         message = error.reason if is_missing else f"the file cannot be read: {error.reason}"
-        hint = missing_hint if is_missing else "is it a TOML file?" if error.line else ""
+        hint = missing_hint if is_missing else "save it as UTF-8, or is it no TOML file?" if error.line else ""
         raise ConfigError([Problem(message, str(path), error.line, hint=hint, code=UNREADABLE)]) from error
     return parse_toml(text, str(path))
 
@@ -73,7 +74,7 @@ def parse_toml(text: str, file: str) -> TomlSource:
         table, spans = tomllib.loads(text), key_spans(text)
     except tomllib.TOMLDecodeError as error:
         message, line = syntax_error(error, text)
-        hint = _syntax_hint(message)
+        hint = _syntax_hint(message, text.split("\n")[line - 1] if line else "")
         raise ConfigError(
             [Problem(f"this is not valid TOML: {message}", file, line, hint=hint, code="syntax")]
         ) from error
@@ -127,11 +128,36 @@ def as_toml(value: object) -> str:
             return str(value)
 
 
-def _syntax_hint(message: str) -> str:
+_QUOTED = re.compile(r'"(?:[^"\\]|\\.)*"|\'[^\']*\'|#.*')
+_UNQUOTED = re.compile(r"([\w-]+)\s*=\s*([-+]?[\d.,]+\s*[A-Za-z°%][\w/°%²]*)")
+
+
+def _syntax_hint(message: str, line: str) -> str:
+    """Return what to do about a line that is no TOML: mostly a character looks right, or quotes are missing."""
+    bare = _QUOTED.sub("", line)
+    if strange := next(filter(None, map(_instead_of, bare)), None):
+        return strange
+    if found := _UNQUOTED.search(bare):
+        return f'text needs quotes: {found[1]} = "{found[2]}"'
     if message.startswith(("Invalid value", "Expected newline")):
         return 'text needs quotes, such as "10 ft"; the values without are numbers, true and false'
     if message.startswith("Cannot"):
         return "the same key or section stands in the file twice; keep one"
+    return ""
+
+
+def _instead_of(character: str) -> str:
+    """Return what to write in place of a character that word processors put where TOML takes another."""
+    if character.isascii():
+        return ""
+    name = f"U+{ord(character):04X}"
+    match unicodedata.category(character):
+        case "Pi" | "Pf" | "Ps" | "Pe":
+            return f'{character} ({name}) is a typographic quote; write " in its place'
+        case "Zs" | "Cf":
+            return f"there is a space of another kind ({name}) in this line; write an ordinary one in its place"
+        case "Pd" | "Sm":
+            return f"{character} ({name}) is a dash; write - in its place"
     return ""
 
 

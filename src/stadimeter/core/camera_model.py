@@ -377,11 +377,14 @@ class Provenance(Struct, frozen=True, kw_only=True):
         method: Such as ``one picture at a known distance``.
         date: ISO 8601 date.
         notes: The figures that it came from, one a line.
+        taken_with: How the lens was set, as the pictures' EXIF data state it: focal length and its 35 mm equivalent in
+            millimetres, and the digital zoom, by these names; empty where they state nothing.
     """
 
     method: str = ""
     date: str = ""
     notes: tuple[str, ...] = ()
+    taken_with: dict[str, float] = {}
 
 
 class CameraModel(Struct, frozen=True, kw_only=True):

@@ -8,6 +8,7 @@ that it covers, since light and shade change a colour across a thing. How far it
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from typing import Annotated
 
@@ -130,11 +131,23 @@ def _parse_limit(limit: str, text: str) -> tuple[int, int, int]:
     for part, (name, most) in zip(parts, CHANNELS, strict=True):
         number = part.strip()
         if not (number.isascii() and number.removeprefix("-").isdigit()):
-            raise ValueError(f"{text!r}: {name} {number!r} is not a whole number")
+            raise ValueError(f"{text!r}: {name} {number!r} is not a whole number{_in_other_units(number, most)}")
         if not 0 <= int(number) <= most:
-            raise ValueError(f"{text!r}: {name} {number} is outside 0 to {most}")
+            raise ValueError(f"{text!r}: {name} {number} is outside 0 to {most}{_in_other_units(number, most)}")
         numbers.append(int(number))
     return numbers[0], numbers[1], numbers[2]
+
+
+def _in_other_units(number: str, most: int) -> str:
+    """Return what a number means that other programs give in degrees or per cent, as it is to be written here."""
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(%|°|deg)?", number)
+    if found is None or (most == CHANNELS[0][1]) is (found[2] == "%"):
+        return ""
+    if most == CHANNELS[0][1] and float(found[1]) <= 360:
+        return (
+            f": a hue of {found[1]} degrees is {round(float(found[1]) / 2) % 180}, since half the degrees are counted"
+        )
+    return f": {found[1]} % of {most} are {round(float(found[1]) / 100 * most)}" if found[2] == "%" else ""
 
 
 def _hsv(image: Image) -> cv2.typing.MatLike:

@@ -13,8 +13,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from msgspec.structs import replace
 
 from stadimeter.config.files import open_untrusted
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError, UnreadableError
 
@@ -64,10 +66,11 @@ SAME_ZOOM = 0.005
 
 # Tags of EXIF data: what each says of the lens, and its unit.
 _FOCAL_LENGTH, _FOCAL_LENGTH_35MM, _DIGITAL_ZOOM = 0x920A, 0xA405, 0xA404
-_ZOOM = {
-    _FOCAL_LENGTH: ("focal length", " mm"),
-    _FOCAL_LENGTH_35MM: ("35 mm equivalent", " mm"),
-    _DIGITAL_ZOOM: ("digital zoom", ""),
+_ZOOM = {_FOCAL_LENGTH: "focal_length_mm", _FOCAL_LENGTH_35MM: "equivalent_mm", _DIGITAL_ZOOM: "digital_zoom"}
+_WORDS = {
+    "focal_length_mm": ("focal length", " mm"),
+    "equivalent_mm": ("35 mm equivalent", " mm"),
+    "digital_zoom": ("digital zoom", ""),
 }
 _EXIF_DIRECTORY = 0x8769
 _SHORT, _LONG, _RATIONAL = 3, 4, 5
@@ -80,8 +83,8 @@ def check_lens_settings(paths: Sequence[Path]) -> None:
         CalibrationError: Pictures have different zoom or lenses, so no one focal length fits them all.
     """
     settings = [(path, read_lens_settings(path)) for path in paths]
-    for tag, (name, unit) in _ZOOM.items():
-        known = [(path, values[tag]) for path, values in settings if tag in values]
+    for key, (name, unit) in _WORDS.items():
+        known = [(path, values[key]) for path, values in settings if key in values]
         for path, value in known[1:]:
             if abs(value / known[0][1] - 1) > SAME_ZOOM:
                 raise CalibrationError(
@@ -90,8 +93,28 @@ def check_lens_settings(paths: Sequence[Path]) -> None:
                 )
 
 
-def read_lens_settings(path: Path) -> dict[int, float]:
-    """Read how a picture says that its zoom was set, by the EXIF tag; nothing without good EXIF data."""
+def with_lens_settings(model: CameraModel, paths: Sequence[Path]) -> CameraModel:
+    """Return a camera model that keeps how its pictures say that the lens was set; all say the same."""
+    taken_with = next(filter(None, map(read_lens_settings, paths)), {})
+    return replace(model, provenance=replace(model.provenance, taken_with=taken_with))
+
+
+def other_lens_notes(model: CameraModel, paths: Iterable[Path]) -> Iterator[str]:
+    """Yield a note for each picture that was taken with another zoom or lens than a camera model's pictures."""
+    kept = model.provenance.taken_with
+    for path in paths if kept else ():
+        now = read_lens_settings(path)
+        for key, (name, unit) in _WORDS.items():
+            if key in now and key in kept and abs(now[key] / kept[key] - 1) > SAME_ZOOM:
+                yield (
+                    f"{path} was taken with {name} {now[key]:g}{unit}, the pictures of the camera file with "
+                    f"{kept[key]:g}{unit}: its distances are wrong by about as much; calibrate this lens too"
+                )
+                break
+
+
+def read_lens_settings(path: Path) -> dict[str, float]:
+    """Read how a picture says that its zoom was set; nothing without good EXIF data."""
     _, _, tiff = _head(path).partition(b"Exif\0\0")
     order = ">" if tiff.startswith(b"MM") else "<"
     try:
@@ -102,7 +125,7 @@ def read_lens_settings(path: Path) -> dict[int, float]:
         return {}
     if values.get(_DIGITAL_ZOOM) == 0:  # which stands for: it was not used
         values[_DIGITAL_ZOOM] = 1.0
-    return {tag: values[tag] for tag in _ZOOM if values.get(tag)}
+    return {key: values[tag] for tag, key in _ZOOM.items() if values.get(tag)}
 
 
 def _entries(tiff: bytes, at: int, order: str) -> Iterator[tuple[int, float]]:

@@ -23,7 +23,7 @@ from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.calibration.board_session import today
 from stadimeter.workbench.calibration.live_distance import fit_distances, look_at_distance, remedy_words, take_at
 from stadimeter.workbench.measuring import open_picture
-from stadimeter.workbench.picture_metadata import check_lens_settings
+from stadimeter.workbench.picture_metadata import check_lens_settings, with_lens_settings
 from stadimeter.workbench.setup.question import (
     CAMERA_FILE,
     PICTURES,
@@ -258,7 +258,7 @@ def fit_lens(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Camer
         raise CalibrationError("no picture can be used")
     reads = [f"{Path(each.picture).name} reads {each.residual_share:+.1%}" for each in fit.calibration.pictures]
     several = ("With this, " + ", ".join(reads) + ".",) if len(reads) > 1 else ()
-    return fit.calibration.camera_model, several
+    return with_lens_settings(fit.calibration.camera_model, [each.path for each in pictures]), several
 
 
 def guess_lens(frame: Frame, width: str) -> CameraModel:
