@@ -85,7 +85,7 @@ def test_figures_and_messages_are_compiled_and_described(load):
     sentences = " ".join(describe(configuration))
     assert "Remembers `nearest`: the minimum of the distance of `ball` today." in sentences
     assert "`report` sends `a` at 00:00 and 12:00." in sentences
-    assert "when `raises of near within 1 min` is at least 3 times" in sentences
+    assert "when `near` was raised at least 3 times within 1 min" in sentences
 
 
 def test_messages_have_a_gate_and_steps_with_conditions(load):

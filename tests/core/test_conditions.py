@@ -105,8 +105,8 @@ def test_a_count_of_raises_says_the_number_that_is_enough_everywhere():
     (found,) = collect_evidence(twice, once, (), is_active=False)
     assert found.words == "near raised 1 of 2 times within 1 min"
     assert found.begins_at == "2 times"
-    assert describe_begin(twice) == "`raises of near within 1 min` is at least 2 times"
-    assert describe_end(twice) == "`raises of near within 1 min` is below 2 times"
+    assert describe_begin(twice) == "`near` was raised at least 2 times within 1 min"
+    assert describe_end(twice) == "`near` was raised fewer than 2 times within 1 min"
     (found,) = collect_evidence(twice, inputs(figures={twice.key: 2.0}), (), is_active=True)
     assert found.ends_at == "1 times"
 

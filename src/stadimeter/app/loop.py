@@ -44,7 +44,7 @@ Listener = Callable[[CycleRecord, Frame | None], None]
 
 
 class Limits(NamedTuple):
-    """When a run ends by itself: after a number of frames, or after a time on the run's clock; None for never."""
+    """The end of a run by itself: after a number of frames, or after a time on the run's clock; None for never."""
 
     frames: int | None = None
     seconds: float | None = None

@@ -320,7 +320,7 @@ class TrackingTable(Section):
 
 
 class SafetyTable(Section):
-    """When outputs may act; see `stadimeter.core.plan.Safety`."""
+    """The conditions on which outputs may act; see `stadimeter.core.plan.Safety`."""
 
     max_frame_age: DurationAboveZero = _SAFETY.max_frame_age_s
     """A frame that is older moves nothing."""

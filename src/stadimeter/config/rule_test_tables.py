@@ -27,7 +27,7 @@ class SpanTable(Section):
 
     @property
     def end_s(self) -> float:
-        """When it ends, in seconds from the start of the test."""
+        """Its end, in seconds from the start of the test."""
         return self.start + self.duration
 
     def holds(self, at_s: float) -> bool:

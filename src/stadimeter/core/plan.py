@@ -68,7 +68,7 @@ Output = LevelOutput | BaseOutput
 
 
 class Safety(Struct, frozen=True, kw_only=True):
-    """When outputs may act.
+    """The conditions on which outputs may act.
 
     Attributes:
         max_frame_age_s: A frame older than this moves nothing.

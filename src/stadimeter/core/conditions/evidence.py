@@ -134,4 +134,4 @@ def describe_begin(condition: Condition) -> str:
 
 def describe_end(condition: Condition) -> str:
     """Return a clause such as ``it is further than 0.50 m (1.6 ft) by 3 standard deviations of the noise``."""
-    return condition.ends if isinstance(condition, Leaf) else "that has ended"
+    return condition.ends if isinstance(condition, Leaf) else "that has not held"

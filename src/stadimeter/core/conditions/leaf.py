@@ -194,7 +194,7 @@ class Leaf:
     @property
     def ends(self) -> str:
         """A clause on when it ends, such as ``its bearing is below 18.9°``."""
-        return "that has ended"
+        return "that has not held"
 
     @property
     def within(self) -> str:

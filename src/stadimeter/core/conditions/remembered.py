@@ -15,7 +15,7 @@ from stadimeter.core.conditions.leaf import Leaf, RuleInputs, Threshold, back_wo
 from stadimeter.core.conditions.limits import LimitsCondition
 from stadimeter.core.conditions.quantities import QUANTITIES, Uncertain
 from stadimeter.core.observation import WallTime
-from stadimeter.core.words import duration, figure_in_words, time_of_day
+from stadimeter.core.words import duration, time_of_day
 
 # The memory of a window of time: figures of targets, and how often or how long other rules were active ----------------
 #
@@ -114,7 +114,7 @@ class Summary(Struct, frozen=True, kw_only=True):
 
     @property
     def newest_from_s(self) -> float | None:
-        """When the newest slot began; None without one."""
+        """The time at which the newest slot began; None without one."""
         return _SLOT.unpack_from(self.slots, len(self.slots) - _SLOT.size)[0] if self.slots else None
 
     def resume(self, figure: RememberedFigure, shift_s: float, now_s: float) -> Summary:
@@ -255,19 +255,28 @@ class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def subject(self) -> str:
         """The figure, or what others did."""
-        return f"`{self.noun}` is"
+        if not self.rules:
+            return f"`{self.noun}` is"
+        names = " or ".join(f"`{rule}`" for rule in self.rules)
+        return f"{names} was {'raised' if self.unit == 'times' else 'active for'}"
 
     @property
     def within(self) -> str:
         """The thresholds; of a count, which is above n - 1, the number n itself."""
-        low, _ = self.limits
-        if self.unit == "times" and math.isfinite(low):
-            return f"at least {figure_in_words(low + 1, self.unit)}"
+        if self.rules:
+            return f"{'at least' if self.unit == 'times' else 'more than'} {self._least} {self.window}"
         return Leaf.within.fget(self)  # type: ignore[attr-defined, no-any-return]
+
+    @property
+    def _least(self) -> str:
+        low, _ = self.limits
+        return f"{low + 1:g} times" if self.unit == "times" else duration(low)
 
     @property
     def ends(self) -> str:
         """A clause on the figures that it must come back to."""
+        if self.rules:
+            return f"{self.subject} {'fewer' if self.unit == 'times' else 'less'} than {self._least} {self.window}"
         return f"{self.subject} {back_words(self, self.deadband, self.deadband_sigmas)}"
 
     def verdict(self, inputs: RuleInputs, is_on: bool, *, names_target: bool, with_probability: bool) -> str:

@@ -41,7 +41,7 @@ GUESS = "60 deg"
 
 
 class CalibrationStep(SetupStep):
-    """How far away the target is now; or pictures such as `near.jpg@50cm`, a camera file, or the width of the view."""
+    """The distance of the target now; or pictures such as `near.jpg@50cm`, a camera file, or the width of the view."""
 
     key = "calibration"
     names_files = True

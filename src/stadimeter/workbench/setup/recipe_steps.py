@@ -48,7 +48,7 @@ WITHIN_REACH = 0.8
 
 
 class RecipeStep(SetupStep):
-    """What shall happen: the name of a recipe, or of several."""
+    """The wish for what shall happen: the name of a recipe, or of several."""
 
     key = "recipe"
 

@@ -215,7 +215,7 @@ def describe_detection(name: str, found: Detection) -> str:
 
 
 class TargetStep(SetupStep):
-    """What to measure: the name of a kind of target."""
+    """The thing to measure: the name of a kind of target."""
 
     key = "target"
 
