@@ -161,7 +161,7 @@ class CameraModelTable(BaseModel):
             **{"fy_px": self.fx_px, **centre, **given},
             optics=None if self.optics is None else self.optics.to_optics(),
             uncertainty=self._uncertainty(),
-            provenance=Provenance(method=self.method, date=self.date, notes=self.notes, taken_with=self.taken_with),
+            provenance=Provenance(method=self.method, date=self.date, notes=self.notes, taken_with=tuple(self.taken_with.items())),
         )
         return behind_flat_port(in_air, self.medium, self.port_m)
 
@@ -273,7 +273,7 @@ def _taken_with(provenance: Provenance) -> str:
         return ""
     return f"""
 # How the lens was set, as the pictures' EXIF data state it.
-taken_with = {as_toml(provenance.taken_with)}
+taken_with = {as_toml(dict(provenance.taken_with))}
 """
 
 

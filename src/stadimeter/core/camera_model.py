@@ -378,13 +378,13 @@ class Provenance(Struct, frozen=True, kw_only=True):
         date: ISO 8601 date.
         notes: The figures that it came from, one a line.
         taken_with: How the lens was set, as the pictures' EXIF data state it: focal length and its 35 mm equivalent in
-            millimetres, and the digital zoom, by these names; empty where they state nothing.
+            millimetres, and the digital zoom, each with its name; empty where they state nothing.
     """
 
     method: str = ""
     date: str = ""
     notes: tuple[str, ...] = ()
-    taken_with: dict[str, float] = {}
+    taken_with: tuple[tuple[str, float], ...] = ()
 
 
 class CameraModel(Struct, frozen=True, kw_only=True):

@@ -96,12 +96,12 @@ def check_lens_settings(paths: Sequence[Path]) -> None:
 def with_lens_settings(model: CameraModel, paths: Sequence[Path]) -> CameraModel:
     """Return a camera model that keeps how its pictures say that the lens was set; all say the same."""
     taken_with = next(filter(None, map(read_lens_settings, paths)), {})
-    return replace(model, provenance=replace(model.provenance, taken_with=taken_with))
+    return replace(model, provenance=replace(model.provenance, taken_with=tuple(taken_with.items())))
 
 
 def other_lens_notes(model: CameraModel, paths: Iterable[Path]) -> Iterator[str]:
     """Yield a note for each picture that was taken with another zoom or lens than a camera model's pictures."""
-    kept = model.provenance.taken_with
+    kept = dict(model.provenance.taken_with)
     for path in paths if kept else ():
         now = read_lens_settings(path)
         for key, (name, unit) in _WORDS.items():
