@@ -178,7 +178,7 @@ def test_a_bearing_is_compared_as_it_is_and_ends_beyond_its_deadband():
     assert holds(right, track(bearing_rad=0.19)) is False
     assert holds(right, track(bearing_rad=0.16), is_active=True) is True
     assert holds(right, track(bearing_rad=0.14), is_active=True) is False
-    assert words(right, track(bearing_rad=-0.2)) == "bearing -11.5°, above 11.5°"
+    assert words(right, track(bearing_rad=-0.2)) == "bearing -11.5°, not above 11.5°"
 
 
 def test_a_closing_speed_counts_when_it_is_sure_enough():
@@ -246,7 +246,7 @@ def test_without_a_probability_the_time_is_compared_as_it_is():
     assert holds(plain, coming(2.1, 1.0, 5.0)) is False
     assert holds(plain, coming(2.4, 1.0, 5.0), is_active=True) is True
     assert holds(plain, coming(0.1, 0.2, 5.0)) is False
-    assert words(plain, coming(2.0, 1.0, 0.1)) == "contact in 2.00 s ± 0.20, below 2.00 s"
+    assert words(plain, coming(2.0, 1.0, 0.1)) == "contact in 2.00 s ± 0.20, not below 2.00 s"
 
 
 def at(target, distance_m, bearing_rad, elevation_rad=0.0, sigma_m=0.03):
@@ -265,7 +265,7 @@ def test_two_targets_beside_each_other_are_apart_by_their_directions():
 
 def test_two_targets_behind_each_other_are_as_unsure_as_both_distances():
     assert words(APART, at("ball", 2.0, 0.1, 0.1), at("tag", 3.2, 0.1, 0.1)).startswith(
-        "ball and tag 1.20 m ± 0.04 apart, below 1.00 m: P 0.00"
+        "ball and tag 1.20 m ± 0.04 apart, not below 1.00 m: P 0.00"
     )
 
 

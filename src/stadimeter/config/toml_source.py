@@ -128,13 +128,16 @@ def as_toml(value: object) -> str:
             return str(value)
 
 
+# Of a line that is no TOML, as much as a person wrote.
+_LOOKED_AT = 1000
+
 _QUOTED = re.compile(r'"(?:[^"\\]|\\.)*"|\'[^\']*\'|#.*')
 _UNQUOTED = re.compile(r"([\w-]+)\s*=\s*([-+]?[\d.,]+\s*[A-Za-z°%][\w/°%²]*)")
 
 
 def _syntax_hint(message: str, line: str) -> str:
     """Return what to do about a line that is no TOML: mostly a character looks right, or quotes are missing."""
-    bare = _QUOTED.sub("", line)
+    bare = _QUOTED.sub("", line[:_LOOKED_AT])  # patterns take the square of the time on a line of megabytes
     if strange := next(filter(None, map(_instead_of, bare)), None):
         return strange
     if found := _UNQUOTED.search(bare):

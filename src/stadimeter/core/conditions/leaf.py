@@ -263,8 +263,10 @@ def closing_words(closing_mps: float, sigma_mps: float) -> str:
 
 
 def _threshold_words(reading: JudgedFigure, unit: str) -> str:
+    """Return the thresholds, with "not" before them where the figure by itself is not within."""
+    is_within = "" if reading.low < reading.value < reading.high else "not "
     if math.isinf(reading.low):
-        return f"below {short_figure(reading.high, unit)}"
+        return f"{is_within}below {short_figure(reading.high, unit)}"
     if math.isinf(reading.high):
-        return f"above {short_figure(reading.low, unit)}"
-    return f"between {short_figure(reading.low, unit)} and {short_figure(reading.high, unit)}"
+        return f"{is_within}above {short_figure(reading.low, unit)}"
+    return f"{is_within}between {short_figure(reading.low, unit)} and {short_figure(reading.high, unit)}"
