@@ -161,7 +161,9 @@ class CameraModelTable(BaseModel):
             **{"fy_px": self.fx_px, **centre, **given},
             optics=None if self.optics is None else self.optics.to_optics(),
             uncertainty=self._uncertainty(),
-            provenance=Provenance(method=self.method, date=self.date, notes=self.notes, taken_with=tuple(self.taken_with.items())),
+            provenance=Provenance(
+                method=self.method, date=self.date, notes=self.notes, taken_with=tuple(self.taken_with.items())
+            ),
         )
         return behind_flat_port(in_air, self.medium, self.port_m)
 
