@@ -92,6 +92,8 @@ def test_a_target_far_from_the_middle_is_noted(output: Path, tmp_path: Path) -> 
     assert result.returncode == 0
     assert "the target is 27° from the middle of the picture" in result.stderr
     assert load_camera_model(output).focal_relative_sigma > 0.04
+    checked = typed("calibrate", "check", f"{aside}@5ft", "--camera", output, *SHEET)
+    assert "the target is 27° from the middle of the picture; 60.0 in was taken as its depth" in checked.stderr
 
 
 def test_a_picture_without_the_target_is_left_out_and_exits_1(near: Path, output: Path, tmp_path: Path) -> None:

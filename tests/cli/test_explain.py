@@ -139,6 +139,15 @@ def test_without_a_log_it_says_who_keeps_one(folder: Path) -> None:
     assert printed(folder / "absent.log").exit_code == 2
 
 
+@pytest.mark.parametrize("start", [b'{"format":"stadimeter journal"}\n', b"\x89MCAP0\r\n"])
+def test_a_recording_is_no_log_and_the_commands_that_read_one_are_named(folder: Path, start: bytes) -> None:
+    (folder / "run.jsonl").write_bytes(start)
+    found = printed(folder / "run.jsonl")
+    assert (found.exit_code, found.stdout) == (2, "")
+    assert "`stadimeter replay" in found.stderr
+    assert "explain RULE --journal" in found.stderr
+
+
 def test_a_pipe_is_no_log_and_is_not_waited_for(folder: Path) -> None:
     os.mkfifo(folder / "box.log")
     assert printed().exit_code == 2

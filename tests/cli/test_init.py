@@ -80,6 +80,14 @@ def test_one_command_leads_to_a_measured_target_and_a_rule_that_acts(tmp_path: P
     assert "near raised" in ran.stdout, "the first pictures show it at 0.8 m"
 
 
+def test_a_target_far_from_the_middle_is_noted(tmp_path: Path) -> None:
+    ball = BallTarget(position_m=(0.6, 0.0, 1.5), diameter_m=0.2)
+    scene = Scene(camera=LENS, target=ball, seed=1, backdrop=PlainBackdrop())
+    cv2.imwrite(str(tmp_path / "aside.png"), render(scene).image)
+    told = _init(tmp_path, camera="aside.png", target="ball", size="20 cm", calibration="aside.png@1.5m")
+    assert "aside.png: the target is 22° from the middle of the picture; 1.5 m was taken as its depth" in told.stdout
+
+
 @pytest.mark.long
 def test_what_was_there_is_kept_as_a_version(tmp_path: Path) -> None:
     _picture(tmp_path / "1m.png", "disc", 1.0)
@@ -98,6 +106,7 @@ def test_what_was_there_is_kept_as_a_version(tmp_path: Path) -> None:
         ({"target": "disc", "size": "20 m"}, "did you mean millimetres or inches?"),
         ({"target": "disc", "size": "20 cm", "near_output": "buzzer 99"}, "not a pin"),
         ({"camera": "no-such.png"}, "no-such.png"),
+        ({"camera": "simulated", "colour": "green"}, "'green' is no picture. Point at the ball instead"),
         ({"target": "ball", "size": "20 cm", "colour": "3000,3"}, "is not in init/camera.png"),
     ],
 )

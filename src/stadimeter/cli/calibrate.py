@@ -40,7 +40,14 @@ from stadimeter.core.detection import DetectionStatus
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError, ConfigError, Problem
 from stadimeter.ranging.board_calibration import VIEWS_ENOUGH, BoardCalibration, calibrate_board
-from stadimeter.ranging.calibration import Calibration, CalibrationCheck, FocalLength, KnownDistance, check_calibration
+from stadimeter.ranging.calibration import (
+    Calibration,
+    CalibrationCheck,
+    FocalLength,
+    KnownDistance,
+    check_calibration,
+    off_axis_rad,
+)
 from stadimeter.ranging.flat import SheetShape, TagShape
 from stadimeter.ranging.floor import CameraAboveFloor, camera_above, mean_of
 from stadimeter.ranging.size_from_motion import LearntSize, StepErrors, StepView, learn_size
@@ -576,8 +583,6 @@ _PATH_AT_DISTANCE = typer.Argument(
 )
 PicturesAtDistances = Annotated[list[str], _PATH_AT_DISTANCE]
 MaybePicturesAtDistances = Annotated[list[str] | None, _PATH_AT_DISTANCE]
-# Further from the middle of the picture than this, depth and straight line differ by more than 1.5 %.
-FAR_OFF_AXIS_RAD = math.radians(10)
 
 
 @calibrate.command("distance")
@@ -763,11 +768,8 @@ def _lines(made: Calibration, unit: LengthUnit) -> Iterator[str]:
 
 def _picture_line(each: FocalLength, name_width: int, unit: LengthUnit) -> str:
     away = format_distance(each.depth_m, None, unit)
-    if each.off_axis_rad > FAR_OFF_AXIS_RAD:
-        say_note(
-            f"{each.picture}: the target is {math.degrees(each.off_axis_rad):.0f}° from the middle of the "
-            f"picture; {away} was taken as its depth, so the straight line to it is longer"
-        )
+    if words := live_distance.off_axis_words(each.picture, each.off_axis_rad, away):
+        say_note(words)
     return (
         f"{each.picture:<{name_width}}  {each.width_px:.1f} x {each.height_px:.1f} px at {away}:  "
         f"focal length {each.focal_px:.1f} px ± {each.focal_px * each.relative_sigma:.1f}; the camera file "
@@ -821,6 +823,10 @@ def check(
         usable = _look_at(pictures, wanted, model)
         if not usable:
             give_up("no picture can be used, so nothing was checked")
+        for each in usable:
+            away = format_distance(each.depth_m, None, wanted.unit)
+            if words := live_distance.off_axis_words(each.picture, off_axis_rad(each, model), away):
+                say_note(words)
         checked = check_calibration(usable, model, distance_relative_sigma=distance_error / 100)
         figures = {"is_sound": checked.is_sound, **asdict(checked)}
         print_answer(_check_lines(checked, camera, wanted.unit), figures, as_json=as_json)

@@ -14,6 +14,9 @@ from stadimeter.app.places import SERVICE_STATE
 from stadimeter.cli.exits import plain_errors
 from stadimeter.errors import JournalError
 
+# How an MCAP file begins.
+MCAP_START = b"\x89MCAP"
+
 
 def events(
     log: Annotated[Path | None, typer.Argument(metavar="LOG", help="The log; by default that of the service.")] = None,
@@ -38,11 +41,28 @@ def events(
     """
     with plain_errors():
         path = log or _of_service()
+        _refuse_recording(path)
         newest = [line for file in reversed(log_files(path)) for line in reversed(_read_lines(file))]
         if not newest:
             raise JournalError(f"{path}: there is no event log")
         for line in reversed(list(islice(newest, lines))):
             typer.echo(json.dumps(_record(line), ensure_ascii=False) if as_json else line)
+
+
+def _refuse_recording(path: Path) -> None:
+    """Refuse what `run --journal` or `--record` wrote, which this command cannot read."""
+    if not path.is_file():  # a pipe would be waited for
+        return
+    try:
+        with path.open("rb") as file:
+            first = file.read(len(MCAP_START))
+    except OSError:  # said of each file by who reads it
+        return
+    if first == MCAP_START or first.startswith(b"{"):
+        raise JournalError(
+            f"{path} is a recording, not an event log: `stadimeter replay {path}` shows its events, and "
+            f"`stadimeter explain RULE --journal {path}` why a rule acted"
+        )
 
 
 def _record(line: str) -> dict[str, object]:

@@ -51,6 +51,24 @@ class DistanceFit(Struct, frozen=True, kw_only=True):
     elsewhere: tuple[KnownDistance, ...]
 
 
+# Further from the middle of the picture than this, depth and straight line differ by more than 1.5 %.
+FAR_OFF_AXIS_RAD = math.radians(10)
+
+
+def off_axis_words(picture: str, off_axis_rad: float, away: str) -> str:
+    """Say that a distance was taken as depth, if the straight line to the target differs; else return nothing.
+
+    Args:
+        away: The distance as people write it.
+    """
+    if off_axis_rad <= FAR_OFF_AXIS_RAD:
+        return ""
+    return (
+        f"{picture}: the target is {math.degrees(off_axis_rad):.0f}° from the middle of the picture; {away} was taken "
+        "as its depth, so the straight line to it is longer"
+    )
+
+
 def look_at_distance(
     name: str, frame: Frame, depth_m: float, target: NamedDetector, camera_model: CameraModel | None = None
 ) -> KnownDistance:

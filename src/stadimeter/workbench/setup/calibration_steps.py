@@ -21,7 +21,13 @@ from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA, KnownDistance
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.calibration.board_session import today
-from stadimeter.workbench.calibration.live_distance import fit_distances, look_at_distance, remedy_words, take_at
+from stadimeter.workbench.calibration.live_distance import (
+    fit_distances,
+    look_at_distance,
+    off_axis_words,
+    remedy_words,
+    take_at,
+)
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.picture_metadata import check_lens_settings, with_lens_settings
 from stadimeter.workbench.setup.question import (
@@ -258,7 +264,12 @@ def fit_lens(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Camer
         raise CalibrationError("no picture can be used")
     reads = [f"{Path(each.picture).name} reads {each.residual_share:+.1%}" for each in fit.calibration.pictures]
     several = ("With this, " + ", ".join(reads) + ".",) if len(reads) > 1 else ()
-    return with_lens_settings(fit.calibration.camera_model, [each.path for each in pictures]), several
+    aside = [
+        off_axis_words(Path(each.picture).name, each.off_axis_rad, f"{each.depth_m:.3g} m")
+        for each in fit.calibration.pictures
+    ]
+    notes = (*several, *(f"{words}." for words in aside if words))
+    return with_lens_settings(fit.calibration.camera_model, [each.path for each in pictures]), notes
 
 
 def guess_lens(frame: Frame, width: str) -> CameraModel:

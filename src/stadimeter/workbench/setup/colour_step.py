@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 
 from msgspec import Struct, field
 
@@ -122,6 +123,11 @@ def _check(frame: Frame, places: Sequence[colour_aids.Place]) -> None:
 
 COLOURED = f"{PICTURES}/colour.png"
 
+NO_COLOUR = (
+    "{word!r} is no picture. Point at the ball instead: give a place on it in {shown}, in pixels from the left and "
+    "from the top, such as 312,240; or a range such as 29,86,6:64,255,255"
+)
+
 _PLACE = re.compile(r"\d+(\.\d+)?,\d+(\.\d+)?")
 
 
@@ -189,6 +195,8 @@ def _samples(known: Known, text: str) -> list[ColourSample]:
     samples = [colour_aids.colour_sample(known.frame, SHOWN, here)] if here else []
     for word in words:
         if word not in here:
+            if not Path(word).suffix and "@" not in word and not known.path(word).is_file():  # such as `green`
+                raise ConfigError(NO_COLOUR.format(word=word, shown=SHOWN))
             name, places = colour_aids.split_places(str(known.path(word)))
             samples.append(colour_aids.colour_sample(open_picture(known.path(name)), name, places))
     return samples
