@@ -175,6 +175,7 @@ def test_the_command_writes_what_the_answers_mean(tmp_path: Path, pins: Any, mon
     speed = ["y", "", "far", "0.4 m", "", "1.8 m"]
     told = answered(tmp_path, "y", "", "n", "", "rf", "", "lb", "y", *least, *speed, "y", monkeypatch=monkeypatch)
     assert told.returncode == 0, told
+    assert "The motor that car.toml calls left turns forwards" in told.stdout
     options: Any = load_configuration(tmp_path / "car.toml").base.options  # type: ignore[union-attr]
     assert (options.swap_sides, options.invert_left, options.invert_right) == (True, True, False)
     assert (options.minimum_duty, options.max_wheel_speed) == (0.15, 0.7)

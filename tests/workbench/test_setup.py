@@ -221,6 +221,29 @@ def test_every_recipe_is_a_configuration_with_two_tests_that_pass(recipe: Recipe
     assert [(each.test.name, each.failures, each.trouble) for each in results if not each.passed] == []
 
 
+LEAVES_THE_PICTURE = """
+[[tests]]
+name = "it leaves the picture twice while it is near"
+[tests.input]
+target = "ball"
+clock = "10:00"
+hover = { at = "50 cm", for = "30 s" }
+lost = [{ from = "4 s", for = "6 s" }, { from = "14 s", for = "6 s" }]
+[tests.expect]
+KEY-near = { raised = 3 }
+"""
+
+
+@pytest.mark.parametrize("key", ["often", "daily", "visits", "total"])
+def test_a_visit_ends_when_the_target_leaves_the_picture(key: str) -> None:
+    known = answered("ball", key)
+    files = {known.path(name): text for name, text in configuration_files(known.answers, LENS).items()}
+    files[known.file] += LEAVES_THE_PICTURE.replace("KEY", key)
+    configuration = load_configuration(known.file, texts=files)
+    result = run_rule_test(configuration, configuration.tests[-1])
+    assert (result.trouble, result.failures) == ("", ())
+
+
 @each_case(
     "key, blank, before, wrong, words",
     [

@@ -74,7 +74,7 @@ class HBridgeOptions(DriverOptions):
     track_width: Length = Field(examples=["15 cm"])
     """Distance between the middles of the driven wheels."""
     max_wheel_speed: Annotated[Speed, AfterValidator(_check_speed)] = Field(examples=["0.6 m/s"])
-    """The speed of a wheel at full duty, measured."""
+    """The speed of a wheel at full duty. Keep the example for now; ``stadimeter drive`` measures it."""
     minimum_duty: float = Field(default=0.25, ge=0.0, le=0.9)
     """The duty, 0 to 1, at which the wheels only just do not turn, measured."""
     brake: Duration = Field(default=0.3, le=2.0)
@@ -90,7 +90,7 @@ class HBridgeOptions(DriverOptions):
     @property
     def auto_stop_advice(self) -> str:
         """Advice for the case that nothing stops the motors."""
-        return "let the watchdog process make its outputs safe, and put a switch in the supply of the motors"
+        return "put a switch in the supply of the motors: nothing else stops them then"
 
     def stops_by_itself_after_s(self) -> float:
         """Return infinity: outputs keep their level."""

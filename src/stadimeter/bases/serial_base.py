@@ -569,7 +569,7 @@ class DutyBaseOptions(SerialBaseOptions):
     """The options of a base whose commands have no unit, such as duties: what the highest does must be measured."""
 
     full_speed: Speed = Field(examples=["1 m/s"])
-    """How fast a wheel rolls at the highest command: measure it."""
+    """How fast a wheel rolls at the highest command. Keep the example until you have measured it."""
 
     @model_validator(mode="after")
     def _check_speed_is_reached(self) -> Self:

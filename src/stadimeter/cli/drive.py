@@ -296,7 +296,8 @@ def _learn_wiring(configuration: Configuration) -> dict[str, bool]:
                     if takes_duties(base_with_wheels(configuration))
                     else f"{strength:g} m/s"
                 )
-                _ready(f"The motor that CONFIG calls {name} turns forwards for {TURN_S:g} s at {unit}.")
+                file = configuration.path.name
+                _ready(f"The motor that {file} calls {name} turns forwards for {TURN_S:g} s at {unit}.")
                 wheels.turn(left * strength, right * strength, TURN_S)
                 turned = _ANSWERS[
                     _ask("Which wheel turned, and which way?", "lf, lb, rf, rb; n for none", _ANSWERS.__contains__)

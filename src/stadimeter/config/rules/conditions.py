@@ -124,7 +124,7 @@ class LikelihoodTable(Section):
     """The certainty needed that a figure is within its limits."""
 
     deadband_sigmas: Sigmas = _DISTANCE.deadband_sigmas
-    """How many standard deviations of its noise the figure must come back before the condition ends."""
+    """How many standard deviations of its noise past the threshold the figure must go before the rule ends."""
     probability: Probability = _DISTANCE.probability_on
     """How likely the condition must be to begin; None compares the figures alone."""
     probability_off: ProbabilityOff = _DISTANCE.probability_off
@@ -203,7 +203,7 @@ class QuantityTable(LimitsTable, Generic[FigureT, WidthT]):
     between: Annotated[list[FigureT], Field(min_length=2, max_length=2)] | None = None  # type: ignore[assignment]
     """The same two at once, the lower end first."""
     deadband: WidthT = Field(default=0.0)  # type: ignore[assignment]
-    """How far the figure must come back."""
+    """How far past the threshold the figure must go before the rule ends."""
 
     def to_plan(self, quantity: str, severity: Severity, target: str, other: str = "") -> FigureCondition:
         """Return the condition as the core sees it."""
@@ -217,7 +217,7 @@ class DirectionTable(QuantityTable[units.Angle, units.AngleOrZero]):
     """A condition on the bearing, positive to the right, or the elevation, positive upwards; compared as they are."""
 
     deadband: units.AngleOrZero = 0.02
-    """How far the target must come back."""
+    """How far past the threshold the target must go before the rule ends."""
 
 
 class AxisTable(QuantityTable[units.Coordinate, units.LengthOrZero], LikelihoodTable):
@@ -297,7 +297,7 @@ class ComparisonTable(LikelihoodTable):
     by: units.LengthOrZero = 0.0
     """In metres; how much nearer, further, higher or lower at least."""
     deadband: units.LengthOrZero = 0.0
-    """In metres; how far the difference must come back."""
+    """In metres; how far past the threshold the difference must go before the rule ends."""
 
     def compare(self, key: str, severity: Severity, target: str) -> FigureCondition:
         """Return the condition as the core sees it.
@@ -317,7 +317,7 @@ class DirectionComparisonTable(ComparisonTable):
     by: units.AngleOrZero = 0.0
     """In radians; how much further to that side at least."""
     deadband: units.AngleOrZero = 0.0
-    """In radians; how far the difference must come back."""
+    """In radians; how far past the threshold the difference must go before the rule ends."""
 
 
 # The name of the other target alone, or a table.
@@ -451,7 +451,7 @@ class FigureLimitsTable(LimitsTable):
     between: Annotated[list[AnyQuantity], Field(min_length=2, max_length=2)] | None = None  # type: ignore[assignment]
     """The same two at once, the lower end first."""
     deadband: AnyQuantity | None = None
-    """How far the figure must come back."""
+    """How far past the threshold the figure must go before the rule ends."""
 
     def to_plan(self) -> RememberedCondition:
         """Return the condition as the core sees it."""
@@ -714,7 +714,7 @@ class WhenTable(LimitsTable, LikelihoodTable):
     of: DistanceKind = _DISTANCE.quantity
     """Whether the limits are on the distance or on the depth along the optical axis."""
     deadband: LengthOrZero = _DISTANCE.deadband
-    """In metres; how far the target must come back."""
+    """In metres; how far past the threshold the target must go before the rule ends."""
     target: str | None = None
     """The target, if it is another one than the rule's."""
     any_of: str | None = None

@@ -20,7 +20,7 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         above: Holds when further than this, in metres; None for no such threshold.
         below: Holds when nearer than this. With both, it holds between them.
         quantity: Whether the thresholds are on the straight-line distance or on the depth along the optical axis.
-        deadband: How far the target must come back before the condition ends, in metres.
+        deadband: How far past the threshold the target must go before the condition ends, in metres.
         deadband_sigmas: The same in standard deviations of the noise; the larger of the two counts.
         probability_on: The condition begins when it is at least this likely; None compares the figures alone.
         probability_off: The condition ends when it is, deadband included, at most this likely.
