@@ -331,7 +331,7 @@ def _is_measured(console: Console, known: Known) -> bool:
 
 
 def _picture(known: Known) -> str:
-    """Return what the picture is called that is measured at the end."""
+    """Return the name of the picture that is measured at the end."""
     return os.path.relpath(known.frame.source) if known.frame.source else "The last picture of the camera"
 
 

@@ -168,7 +168,7 @@ _PICTURE_BRANDS = (b"heic", b"heix", b"mif1", b"msf1", b"avif")
 
 
 def other_kind(head: bytes) -> str:
-    """Return what to do with a picture of a kind that is not read, by its first bytes; empty for what is none."""
+    """Return the remedy for a picture of a kind that is not read, by its first bytes; empty for what is none."""
     if head[4:8] == b"ftyp" and head[8:12] in _PICTURE_BRANDS:
         kind = "AVIF" if head[8:12] == b"avif" else "HEIC, as iPhones write it"
         return f"it is {kind}: convert it to JPEG, or set the telephone to write JPEG (on an iPhone: Most Compatible)"

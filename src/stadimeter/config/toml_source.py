@@ -136,7 +136,7 @@ _UNQUOTED = re.compile(r"([\w-]+)\s*=\s*([-+]?[\d.,]+\s*[A-Za-z°%][\w/°%²]*)"
 
 
 def _syntax_hint(message: str, line: str) -> str:
-    """Return what to do about a line that is no TOML: mostly a character looks right, or quotes are missing."""
+    """Return the remedy for a line that is no TOML: mostly a character looks right, or quotes are missing."""
     bare = _QUOTED.sub("", line[:_LOOKED_AT])  # patterns take the square of the time on a line of megabytes
     if strange := next(filter(None, map(_instead_of, bare)), None):
         return strange
@@ -150,7 +150,7 @@ def _syntax_hint(message: str, line: str) -> str:
 
 
 def _instead_of(character: str) -> str:
-    """Return what to write in place of a character that word processors put where TOML takes another."""
+    """Return the remedy for a character that word processors put where TOML takes another."""
     if character.isascii():
         return ""
     name = f"U+{ord(character):04X}"

@@ -139,7 +139,7 @@ def _parse_limit(limit: str, text: str) -> tuple[int, int, int]:
 
 
 def _in_other_units(number: str, most: int) -> str:
-    """Return what a number means that other programs give in degrees or per cent, as it is to be written here."""
+    """Return the meaning of a number that other programs give in degrees or per cent, as it is to be written here."""
     found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(%|°|deg)?", number)
     if found is None or (most == CHANNELS[0][1]) is (found[2] == "%"):
         return ""

@@ -508,7 +508,7 @@ def describe_connect_error(options: MqttSettings, error: OSError) -> str:
 
 
 def _certificate_remedy(error: ssl.SSLCertVerificationError, options: MqttSettings) -> str:
-    """Return what to do: by far not every certificate that is refused is of an authority that is not known."""
+    """Return the remedy: by far not every certificate that is refused is of an authority that is not known."""
     now = datetime.now(UTC)
     match error.verify_code:  # OpenSSL's X509_V_ERR_…
         case 9:  # …CERT_NOT_YET_VALID
