@@ -103,7 +103,7 @@ def _measured_to(known: Known) -> str:
 
 
 def _to_middle(known: Known) -> str:
-    """Return the point that the distance of a picture is measured to, where that is another point than before a camera."""
+    """Return the point that the distance of a picture goes to, where that is another one than before a camera."""
     return " to the ball's middle" if target_shape(build_target(known)).limb_radius_m else ""
 
 
