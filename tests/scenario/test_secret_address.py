@@ -128,12 +128,13 @@ def test_the_password_of_a_camera_is_in_nothing_that_a_run_says_writes_or_sends(
         command = [sys.executable, "-m", "stadimeter", "run", config, *files]
         with subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=env) as run:
             try:
-                eventually(lambda: server.served and (tmp_path / "run.jsonl").read_bytes().count(b"\n") > 20)
+                journal = tmp_path / "run.jsonl"
+                eventually(lambda: journal.exists() and journal.read_bytes().count(b"\n") > 20)
                 assert ask("status", "--config", config).exit_code == 0
                 ask("explain", "gone", "--config", config)
                 assert ask("reload", "--config", config).exit_code == 0
                 server.refuses = True
-                eventually(lambda: b"cannot be opened" in (tmp_path / "run.jsonl").read_bytes())
+                eventually(lambda: b"cannot be opened" in journal.read_bytes())
                 ask("status", "--config", config)
             finally:
                 run.send_signal(signal.SIGTERM)
