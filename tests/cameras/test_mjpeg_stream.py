@@ -345,11 +345,13 @@ def basic(authorization: str) -> bool:
 def digest(name: str, hashed: Callable[[bytes], Any]) -> Callable[[str], bool]:
     """Return the check of a server that asks for a digest, written down from RFC 7616, section 3.4."""
 
+    def of(text: str) -> str:
+        return str(hashed(text.encode()).hexdigest())
+
     def is_right(authorization: str) -> bool:
         given = dict(re.findall(r'(\w+)="?([^",]+)"?', authorization))
         if not authorization.startswith("Digest ") or given.get("algorithm", name) != name:
             return False
-        of = lambda text: hashed(text.encode()).hexdigest()  # noqa: E731
         secret = of("me:cam:se@cret")
         secret = of(f"{secret}:n0nce:{given['cnonce']}") if name.endswith("-sess") else secret
         asked = of("GET:/cam")

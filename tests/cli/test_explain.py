@@ -148,6 +148,12 @@ def test_a_recording_is_no_log_and_the_commands_that_read_one_are_named(folder: 
     assert "explain RULE --journal" in found.stderr
 
 
+def test_what_is_no_text_is_no_log_and_is_not_printed(folder: Path) -> None:
+    (folder / "ball.jpg").write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF")
+    found = printed(folder / "ball.jpg")
+    assert (found.exit_code, found.output) == (2, f"error: {folder / 'ball.jpg'} is no event log\n")
+
+
 def test_a_pipe_is_no_log_and_is_not_waited_for(folder: Path) -> None:
     os.mkfifo(folder / "box.log")
     assert printed().exit_code == 2

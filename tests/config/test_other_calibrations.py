@@ -63,6 +63,7 @@ PHOTON = """{"resolution": {"width": 640.0, "height": 480.0}, "cameraIntrinsics"
         ("opencv.xml", OPENCV_XML, 5),
         ("ros.yaml", ROS, 5),
         ("kalibr.yaml", KALIBR, 4),
+        ("omnivision.yaml", "board_width: 9\nboard_height: 6\n" + ROS.replace("head", "omnivision_ov5647"), 5),
         ("photon.json", PHOTON, 5),
     ],
 )
@@ -82,7 +83,8 @@ def test_a_calibration_of_another_program_is_read(tmp_path, name, text, coeffici
     [
         (PHOTON.replace("0.03, 0, 0, 0", "0.03, 0.1, 0, 0"), "8 coefficients"),
         (ROS.replace("plumb_bob", "equidistant"), "fisheye"),
-        (KALIBR.replace("pinhole", "omni"), "fisheye|pinhole"),
+        (KALIBR.replace("pinhole", "omni"), "fisheye"),
+        (KALIBR.replace("radtan", "equi"), "fisheye"),
         (KALIBR + KALIBR.replace("cam0", "cam1"), "several cameras"),
         (KALIBR.replace("612.5, ", ""), "no camera matrix"),
         (OPENCV.replace("image_width: 640\n", ""), "how wide"),

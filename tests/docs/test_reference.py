@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import ast
 import re
-import sys
 from pathlib import Path
 
+import make_reference
 import pytest
+import reference_code
 
 from stadimeter.config.findings import OF_A_TEST, OTHER
 from stadimeter.config.loader import load_configuration
 from stadimeter.core import templates
 
 DOCS = Path(__file__).parents[2] / "docs"
-sys.path.append(str(DOCS))
-
-import make_reference  # noqa: E402 - a script beside the pages
-import reference_code  # noqa: E402
 
 
 @pytest.fixture(scope="module")

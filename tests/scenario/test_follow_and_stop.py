@@ -23,7 +23,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.command import TwistCommand
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import SafetyMode
-from support.simulated_run import SIMULATED_BALL
+from support.simulated_run import LENS, SIMULATED_BALL
 
 # A robot that follows a ball in the simulated world, through the whole program, as fast as the computer can.
 #
@@ -495,18 +495,10 @@ def test_a_robot_that_differs_from_what_its_base_says_is_written_in_its_world(tm
 
 # Cars whose motors hang on pins, or on the channels of a chip: they follow, and the *wheels* stop.
 
-PRACTICE = """\
+PRACTICE = f"""\
 [camera]
 driver = "simulated"
-
-[camera.model]
-width_px = 640
-height_px = 480
-fx_px = 600.0
-fy_px = 600.0
-cx_px = 319.5
-cy_px = 239.5
-
+{LENS}
 [targets.ball]
 detector = "ball"
 diameter = "20 cm"
@@ -515,8 +507,8 @@ hsv = "29,86,6:64,255,255"
 [base]
 driver = "gpio-motors"
 port = "emulated-gpio-motors"
-left = { forward = 17, backward = 27, pwm = 12 }
-right = { forward = 16, backward = 20, pwm = 13 }
+left = {{ forward = 17, backward = 27, pwm = 12 }}
+right = {{ forward = 16, backward = 20, pwm = 13 }}
 track_width = "20 cm"
 max_wheel_speed = "0.6 m/s"
 minimum_duty = 0.25
@@ -524,12 +516,12 @@ max_speed = "0.4 m/s"
 
 [rules.follow]
 actuator = "base"
-follow = { distance = "1 m", max_speed = "0.3 m/s" }
+follow = {{ distance = "1 m", max_speed = "0.3 m/s" }}
 
 [world]
 ball_diameter = "20 cm"
 track_width = "20 cm"
-path = [{ at = "0 s", x = "2.2 m", y = "0.5 m" }]
+path = [{{ at = "0 s", x = "2.2 m", y = "0.5 m" }}]
 loop = false
 """
 PINS = re.compile(r'^driver = "gpio-motors"\nport = .*\nleft = .*\nright = .*\n', re.MULTILINE)

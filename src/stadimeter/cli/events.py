@@ -11,11 +11,10 @@ import typer
 
 from stadimeter.app.event_log import ENDING, log_files, parse_line
 from stadimeter.app.places import SERVICE_STATE
+from stadimeter.app.recordings.journal import MAGIC
 from stadimeter.cli.exits import plain_errors
+from stadimeter.config.files import open_untrusted
 from stadimeter.errors import JournalError
-
-# How an MCAP file begins.
-MCAP_START = b"\x89MCAP"
 
 
 def events(
@@ -41,7 +40,7 @@ def events(
     """
     with plain_errors():
         path = log or _of_service()
-        _refuse_recording(path)
+        _refuse_others(path)
         newest = [line for file in reversed(log_files(path)) for line in reversed(_read_lines(file))]
         if not newest:
             raise JournalError(f"{path}: there is no event log")
@@ -49,20 +48,20 @@ def events(
             typer.echo(json.dumps(_record(line), ensure_ascii=False) if as_json else line)
 
 
-def _refuse_recording(path: Path) -> None:
-    """Refuse what `run --journal` or `--record` wrote, which this command cannot read."""
-    if not path.is_file():  # a pipe would be waited for
-        return
+def _refuse_others(path: Path) -> None:
+    """Refuse a file that is no log; what `run --journal` or `--record` wrote is taken for one most often."""
     try:
-        with path.open("rb") as file:
-            first = file.read(len(MCAP_START))
-    except OSError:  # said of each file by who reads it
+        with open_untrusted(path) as file:
+            head = file.read(len(MAGIC))
+    except OSError:  # said where its lines are read
         return
-    if first == MCAP_START or first.startswith(b"{"):
+    if head == MAGIC or head.startswith(b"{"):
         raise JournalError(
             f"{path} is a recording, not an event log: `stadimeter replay {path}` shows its events, and "
             f"`stadimeter explain RULE --journal {path}` why a rule acted"
         )
+    if not head.isascii():  # a log begins with a time
+        raise JournalError(f"{path} is no event log")
 
 
 def _record(line: str) -> dict[str, object]:

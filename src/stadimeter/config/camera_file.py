@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import to_builtins
@@ -78,7 +78,7 @@ SigmaOfParameter = Annotated[float, Field(ge=0, strict=True)]
 Correlation = Annotated[float, Field(ge=-1, le=1, strict=True)]
 
 
-_LensSetting = Annotated[str, Field(pattern="^(focal_length_mm|equivalent_mm|digital_zoom)$")]
+_LensSetting = Literal["focal_length_mm", "equivalent_mm", "digital_zoom"]
 
 
 class OpticsTable(BaseModel):

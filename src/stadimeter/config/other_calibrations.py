@@ -15,7 +15,9 @@ from typing import Any
 LENS_COEFFICIENTS = 5
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_FISHEYE = re.compile(r"equidistant|\bequi\b|fisheye|kannala|omni|\beucm\b|\bds\b", re.IGNORECASE)
+# Only behind the names of models: "omni" is also in the name of a maker of sensors.
+_MODEL = re.compile(r"(?:camera|distortion|lens)_?model\W+([\w-]+)", re.IGNORECASE)
+_OTHER_LENS = re.compile(r"equi|fisheye|kannala|omni|eucm|ds$", re.IGNORECASE)
 
 
 def looks_foreign(text: str) -> bool:
@@ -33,8 +35,8 @@ def camera_table(text: str) -> dict[str, Any]:
     """
     if len(re.findall(r"^\s*cam\d+:", text, re.MULTILINE)) > 1:
         raise ValueError("it holds several cameras; keep the lines of one")
-    if found := _FISHEYE.search(text):
-        raise ValueError(f"its lens is a fisheye ('{found[0]}'), which stadimeter has no model for")
+    if found := next(filter(_OTHER_LENS.match, _MODEL.findall(text)), ""):
+        raise ValueError(f"its lens is a fisheye ('{found}'), which stadimeter has no model for")
     intrinsics = _numbers(text, "camera_?matrix|cameraIntrinsics|intrinsics")
     if len(intrinsics) == 9:
         fx_px, cx_px, fy_px, cy_px = (intrinsics[at] for at in (0, 2, 4, 5))
@@ -78,7 +80,7 @@ def _size(text: str) -> Sequence[int]:
     both = _numbers(text, "resolution|image_size|img_size")
     if len(both) != 2:
         each = (
-            re.search(rf"(?:image_?)?{side}\"?>?\s*:?\s*(\d+)", text, re.IGNORECASE) for side in ("width", "height")
+            re.search(rf"(?:image_?|\b){side}\"?>?\s*:?\s*(\d+)", text, re.IGNORECASE) for side in ("width", "height")
         )
         both = [float(found[1]) for found in each if found]
     if len(both) != 2:
