@@ -474,6 +474,15 @@ def test_a_part_that_was_cut_short_swallows_no_part_after_it() -> None:
     assert len(cut.body) <= 302
 
 
+def test_a_picture_that_was_cut_before_it_was_counted_is_there_when_its_bytes_are() -> None:
+    parser = Multipart("frame")
+    for jpeg in (JPEGS[0], JPEGS[1][:300], JPEGS[2][:200], JPEGS[0]):
+        parser.feed(part_with_length(jpeg, 0))
+        part = parser.next_part()
+        assert part is not None
+        assert part.body == jpeg
+
+
 def test_a_part_without_a_time_stamp_has_none() -> None:
     (part,) = parts_of("frame", b"\r\n--frame\r\nContent-Length: 3\r\nX-Timestamp: soon\r\n\r\na\xff\xd9")
     assert part.body == b"a\xff\xd9"

@@ -245,8 +245,10 @@ class Multipart:
             return at
         if came < whole:
             return None
-        if end is None and self._length is not None:
-            self._lengths_fit = False  # a picture goes on there
+        if end is None and self._length is not None and self._lengths_fit:
+            if self._data.startswith((b"\r", b"\n", b"-"), whole):
+                return whole  # a picture that was cut short before it was counted: the boundary begins there
+            self._lengths_fit = whole == came  # else a picture goes on there
         return end.start() + 2 if end else None
 
 
