@@ -357,7 +357,8 @@ class SensorNetwork:
         corners_px = (corners * SENSOR_PX - crop[:2]) / crop[2:] * self._size_px - 0.5
         names = dict(enumerate((says.labels if says is not None else None) or ()))
         classes = tuple(names.get(number, str(number)) for number in outputs[2].astype(int).tolist())
-        return SensorBoxes(corners_px.reshape(-1, 4), np.asarray(outputs[1], np.float64), classes)
+        input_px = float((crop[2:] / SENSOR_PX * self._device.get_input_size()).max())
+        return SensorBoxes(corners_px.reshape(-1, 4), np.asarray(outputs[1], np.float64), classes, input_px)
 
 
 # ----------------------------------------------------------------------------------------------------

@@ -114,11 +114,13 @@ class SensorBoxes(Struct, frozen=True, eq=False):
         corners_px: Left, top, right and bottom of each box in the frame's pixels, shape ``(n, 4)``.
         scores: How sure the network is of each, 0 to 1, shape ``(n,)``.
         classes: What each is, by the name or else the number that the network has for it.
+        input_px: How many pixels of the network's input the longer side of the frame was; boxes err by some of these.
     """
 
     corners_px: NDArray[np.float64]
     scores: NDArray[np.float64]
     classes: tuple[str, ...]
+    input_px: float = 320.0
 
 
 class Frame(Struct, frozen=True, eq=False):

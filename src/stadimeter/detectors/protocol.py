@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # a run draws nothing
 
 
 # What people try in the table of a detector that finds one target, and what to write in its place.
-ONE_OF_A_KIND = dict.fromkeys(("count", "ids"), "this detector finds one target; `ball` and `tag` find several")
+ONE_OF_A_KIND = dict.fromkeys(("count", "ids"), "this detector finds one target; ball, tag and object find several")
 
 
 class Detector(Protocol):

@@ -21,6 +21,7 @@ from stadimeter.core.frame import Frame, Optics
 from stadimeter.core.measurement import Measurement, Track, TrackStatus
 from stadimeter.detectors.protocol import Detector, TracksSeveral
 from stadimeter.perception import prediction
+from stadimeter.ranging.flat import UprightShape
 from stadimeter.ranging.floor import stand
 from stadimeter.ranging.measure import SeenTarget, measure, unmeasured
 
@@ -116,7 +117,8 @@ FREE_EVERY_S = 0.25
 GATE2 = 16.0
 
 # Standard deviation of the apparent size, as a share of it: that of a ball half covered; something flat also turns.
-SIZE_SHARE, SIZE_SHARE_FLAT = 0.06, 0.3
+# What stands upright does not; beside the error of its box, people bend and stretch by this.
+SIZE_SHARE, SIZE_SHARE_FLAT, POSTURE_SHARE = 0.06, 0.3, 0.05
 
 # Costs are −2 ln of likelihoods. The worst that the gate lets through is 16 + 4 ln 160 + 2 ln 60 = 44: no pair that is
 # possible costs more than a member left without.
@@ -181,7 +183,7 @@ class _Slot:
         """Return where the member will appear; None if the slot is empty, or that is not known."""
         self.is_followed = track is not None and track.is_valid
         self.is_covered = self.is_new = False
-        motion = None if track is None else prediction.follow(self._motion, track)
+        motion = None if track is None else prediction.follow(self._motion, track, shape)
         if motion is not None:
             self._track, self._motion = track, motion
         if self._track is not None:
@@ -194,6 +196,11 @@ class _Slot:
             self.is_new = True
             return _near_last(*self._seen, shape, lens, at_s)
         return None
+
+    @property
+    def last_seen(self) -> Detection | None:
+        """How it was seen last."""
+        return self._seen[0] if self._seen else None
 
     def take(self, found: Detection, at_s: float) -> None:
         """Note what was found of the member."""
@@ -229,11 +236,10 @@ class _Scan:
     def look_near(self) -> None:
         """Look for each member where it is expected, the nearest, so largest, first; not for one that is hidden."""
         members = [(index, each) for index, each in enumerate(self._expected) if each is not None]
-        nearer: list[tuple[str, tuple[float, float], float]] = []  # name, centre and radius of those before
+        nearer: list[tuple[str, _Ellipse]] = []  # those before
         for index, each in sorted(members, key=lambda member: -member[1].size_px):
             slot, radius_px = self._slots[index], each.size_px / 2
-            gaps_px = [(math.dist(each.centre_px, centre_px) - reach_px, name) for name, centre_px, reach_px in nearer]
-            gap_px, before = min(gaps_px, default=(math.inf, ""))
+            gap_px, before = min(((one.gap_px(each.centre_px), name) for name, one in nearer), default=(math.inf, ""))
             slot.is_covered = gap_px < radius_px
             if gap_px < 0:  # its centre is covered: what is found there is the other one
                 reason = f"hidden behind {before}"
@@ -242,11 +248,11 @@ class _Scan:
             found = self._detector.detect_near(self._frame, each, lens=self._lens)
             if found.status is DetectionStatus.FOUND or (slot.is_followed and found.is_whole):
                 self._add(found)
-                nearer.append((slot.name, found.centre_px, _size_px(found) / 2))
+                nearer.append((slot.name, _Ellipse(found.centre_px, self._size_px(found), found)))
             else:
                 self._why[index] = found
                 if slot.is_followed:
-                    nearer.append((slot.name, each.centre_px, radius_px))
+                    nearer.append((slot.name, _Ellipse(each.centre_px, each.size_px, slot.last_seen)))
 
     def look_everywhere(self) -> None:
         """Search the whole frame."""
@@ -258,7 +264,8 @@ class _Scan:
 
     def share_out(self) -> None:
         """Give each member the detection that is its own."""
-        members = [index for index, each in enumerate(self._expected) if each is not None]
+        # One that the border cuts off is there, though it has no size, and is none of the others.
+        members = [i for i, each in enumerate(self._expected) if each is not None and not self._is_cut_off(i)]
         costs = [[self._cost(index, found) for found in self._found] for index in members]
         self._of = [None] * len(self._slots)
         for index, which in zip(members, assign(costs, UNASSIGNED), strict=True):
@@ -271,16 +278,19 @@ class _Scan:
             and self._of[index] is None
             and self._expected[index] is not None
             and not slot.is_covered
-            and not (index in self._why and self._why[index].status is DetectionStatus.TRUNCATED)
+            and not self._is_cut_off(index)
             for index, slot in enumerate(self._slots)
         )
+
+    def _is_cut_off(self, index: int) -> bool:
+        return index in self._why and self._why[index].status is DetectionStatus.TRUNCATED
 
     def let_newcomers_in(self) -> None:
         """Give what belongs to no member to free slots, the largest first; slots with none to remember go first."""
         free = [index for index, slot in enumerate(self._slots) if self._of[index] is None and not slot.is_followed]
         free.sort(key=lambda index: self._expected[index] is not None)
         left = [index for index in range(len(self._found)) if index not in self._of]
-        for which in sorted(left, key=lambda index: -_size_px(self._found[index])):
+        for which in sorted(left, key=lambda index: -self._size_px(self._found[index])):
             number = self._found[which].number
             fits = (index for index in free if not self._slots[index].is_fixed or self._slots[index].number == number)
             slot = next(fits, None)
@@ -304,8 +314,16 @@ class _Scan:
 
     def _add(self, found: Detection) -> None:
         """Note a detection, unless it is one that is known already."""
-        if not any(_are_one(found, known) for known in self._found):
+        if not any(self._are_one(found, known) for known in self._found):
             self._found.append(found)
+
+    def _are_one(self, one: Detection, other: Detection) -> bool:
+        if one.number != other.number:
+            return False
+        return math.dist(one.centre_px, other.centre_px) < SAME_SHARE * max(self._size_px(one), self._size_px(other))
+
+    def _size_px(self, found: Detection) -> float:
+        return _size_px(found, self._detector.target_shape)
 
     def _cost(self, index: int, found: Detection) -> float:
         """Return −2 ln of the likelihood that a detection is a slot's member; infinite beyond the gate.
@@ -319,33 +337,49 @@ class _Scan:
         if number is not None:
             return -UNASSIGNED  # its number says so
         size_px = expected.size_px
-        errs = PLACE_SHARE_COVERED if self._slots[index].is_covered else PLACE_SHARE
+        shape = self._detector.target_shape
+        is_upright = isinstance(shape, UprightShape) and shape.known == "height"
+        errs = PLACE_SHARE_COVERED if self._slots[index].is_covered and not is_upright else PLACE_SHARE
         place_px = math.hypot(expected.sigma_px, errs * size_px)
         # Along the line of sight it may have moved as far as across: as a share of the distance that is the angle.
         moved = place_px / math.sqrt(self._lens.fx_px * self._lens.fy_px)
-        share = SIZE_SHARE_FLAT if self._detector.target_shape.has_corners else SIZE_SHARE
+        share = SIZE_SHARE_FLAT if shape.has_corners else SIZE_SHARE
+        if is_upright:
+            share = math.hypot(POSTURE_SHARE, found.size_sigma_px / self._size_px(found))
         of_size_px = math.hypot(prediction.FLOOR_PX, size_px * share, size_px * moved)
         off2 = (math.dist(expected.centre_px, found.centre_px) / place_px) ** 2
-        off2 += ((_size_px(found) - size_px) / of_size_px) ** 2
+        off2 += ((self._size_px(found) - size_px) / of_size_px) ** 2
         return off2 + 4 * math.log(place_px) + 2 * math.log(of_size_px) if off2 <= GATE2 else math.inf
 
 
 def _near_last(found: Detection, seen_at_s: float, shape: TargetShape, lens: CameraModel, at_s: float) -> Prediction:
     """Return where what was seen once, and is not tracked yet, may be now."""
-    focal_px, size_px = math.sqrt(lens.fx_px * lens.fy_px), _size_px(found)
+    focal_px, size_px = math.sqrt(lens.fx_px * lens.fy_px), _size_px(found, shape)
     moved_rad = prediction.loose_radps(shape.longest_m * focal_px / size_px) * (at_s - seen_at_s)
     sigma_px = math.hypot(prediction.FLOOR_PX, SIZE_SHARE * size_px, focal_px * moved_rad)
     return Prediction(centre_px=found.centre_px, size_px=size_px, sigma_px=sigma_px)
 
 
-def _size_px(found: Detection) -> float:
+class _Ellipse(NamedTuple):
+    """The outline of a target, as long and as wide as it was seen."""
+
+    centre_px: tuple[float, float]
+    size_px: float
+    seen: Detection | None
+
+    def gap_px(self, place_px: tuple[float, float]) -> float:
+        """Return how far outside of it a place is, with its shorter side stretched to the longer one."""
+        across, down = (1.0, 1.0) if self.seen is None else (self.seen.width_px, self.seen.height_px)
+        longer = max(across, down)
+        off_x, off_y = (there - here for there, here in zip(place_px, self.centre_px, strict=True))
+        return math.hypot(off_x * longer / max(across, 1e-6), off_y * longer / max(down, 1e-6)) - self.size_px / 2
+
+
+def _size_px(found: Detection, shape: TargetShape) -> float:
+    """Return how large a target appears, by the length that predictions are of."""
+    if isinstance(shape, UprightShape):
+        return max(found.height_px if shape.known == "height" else found.width_px, prediction.FLOOR_PX)
     return max(found.width_px, found.height_px, prediction.FLOOR_PX)
-
-
-def _are_one(one: Detection, other: Detection) -> bool:
-    if one.number != other.number:
-        return False
-    return math.dist(one.centre_px, other.centre_px) < SAME_SHARE * max(_size_px(one), _size_px(other))
 
 
 # Motion blur of the targets of a run, and the exposure that avoids it -------------------------------

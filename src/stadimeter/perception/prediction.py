@@ -21,6 +21,7 @@ from stadimeter.core.measurement import Track
 from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.detectors.protocol import FindsSeveral
 from stadimeter.ranging.camera_pose import ExpectedPose, SeenLandmark, locate_camera
+from stadimeter.ranging.flat import UprightShape
 
 # Each target is looked for in the whole frame this often, in time of capture.
 SEARCH_EVERY_S = 1.0
@@ -42,6 +43,9 @@ REMEMBERED_DRIFT = 0.4
 
 # The innovation of one prediction counts for the next ones too, by this factor less with each.
 INNOVATION_DECAY = 0.85
+
+# That much of it is noise of the place where a box is.
+NOISE_SIGMAS = 2.0
 
 # A target further off than this many of those standard deviations has jumped, and its motion is unknown again.
 JUMP_SIGMAS = 4.0
@@ -73,7 +77,7 @@ class Expectations:
         """Return where a target is expected in a frame; None to search all of it. Asked once for a target and frame."""
         if track is None:
             return None
-        motion = self._motions[track.target] = follow(self._motions.get(track.target), track)
+        motion = self._motions[track.target] = follow(self._motions.get(track.target), track, shape)
         # Capture time, not frames: the period holds at any frame rate, and in replays. A clock that goes back searches
         # the whole frame.
         since_s = at_s - self._searched_at_s.get(track.target, -math.inf)
@@ -96,8 +100,13 @@ class AngularMotion(Struct, frozen=True, kw_only=True):
     step_s: float = 0.0
 
 
-def follow(motion: AngularMotion | None, track: Track) -> AngularMotion | None:
-    """Return the motion with the newest sighting taken in; None of a target that is not tracked."""
+def follow(motion: AngularMotion | None, track: Track, shape: TargetShape) -> AngularMotion | None:
+    """Return the motion with the newest sighting taken in; None of a target that is not tracked.
+
+    Places of targets are known to a fraction of a pixel, so their rate is that between two sightings. Those of boxes
+    are not: the middle of a person's box goes to and fro by some percent of its height. Place and rate are those of an
+    alpha-beta filter then (P. R. Kalata, "The tracking index", IEEE Trans. AES 20, 1984).
+    """
     at_s, bearing_rad, elevation_rad = track.measured_at_s, track.bearing_rad, track.elevation_rad
     if not track.is_valid or at_s is None or bearing_rad is None or elevation_rad is None:
         return None
@@ -108,21 +117,33 @@ def follow(motion: AngularMotion | None, track: Track) -> AngularMotion | None:
     step_s = at_s - motion.at_s
     # Innovation of the direction: what the last rate did not foretell. An angle of bearing is shorter on the sphere by
     # the cosine of the elevation.
-    across_rad, up_rad = bearing_rad - motion.bearing_rad, elevation_rad - motion.elevation_rad
-    off_rad = math.hypot(
-        (across_rad - motion.bearing_radps * step_s) * math.cos(elevation_rad), up_rad - motion.elevation_radps * step_s
-    )
-    if not off_rad <= JUMP_SIGMAS * loose_radps(track.distance_m or math.inf) * step_s:
+    across_rad = bearing_rad - motion.bearing_rad - motion.bearing_radps * step_s
+    up_rad = elevation_rad - motion.elevation_rad - motion.elevation_radps * step_s
+    off_rad = math.hypot(across_rad * math.cos(elevation_rad), up_rad)
+    distance_m = track.distance_m or math.inf
+    noise_rad = shape.box_sigma * shape.longest_m / distance_m if isinstance(shape, UprightShape) else 0.0
+    if not off_rad <= JUMP_SIGMAS * math.hypot(loose_radps(distance_m) * step_s, noise_rad):
         return AngularMotion(at_s=at_s, bearing_rad=bearing_rad, elevation_rad=elevation_rad)
+    place_gain, rate_gain = _gains(noise_rad, loose_radps(distance_m) * step_s * step_s)
     return AngularMotion(
         at_s=at_s,
-        bearing_rad=bearing_rad,
-        elevation_rad=elevation_rad,
-        bearing_radps=across_rad / step_s,
-        elevation_radps=up_rad / step_s,
-        innovation_rad=max(off_rad, INNOVATION_DECAY * motion.innovation_rad),
+        bearing_rad=bearing_rad - (1 - place_gain) * across_rad,
+        elevation_rad=elevation_rad - (1 - place_gain) * up_rad,
+        bearing_radps=motion.bearing_radps + rate_gain * across_rad / step_s,
+        elevation_radps=motion.elevation_radps + rate_gain * up_rad / step_s,
+        innovation_rad=max(off_rad - NOISE_SIGMAS * noise_rad, INNOVATION_DECAY * motion.innovation_rad),
         step_s=step_s,
     )
+
+
+def _gains(noise_rad: float, manoeuvre_rad: float) -> tuple[float, float]:
+    """Return the gains of place and rate, by the noise of a sighting and by what a second's change of rate moves."""
+    if noise_rad <= 0:
+        return 1.0, 1.0
+    index = manoeuvre_rad / noise_rad
+    rest = (4 + index - math.sqrt(8 * index + index * index)) / 4
+    place = 1 - rest * rest
+    return place, min(1.0, 2 * (2 - place) - 4 * rest)
 
 
 def predict(
@@ -213,8 +234,8 @@ def _direction(known: KnownFigures, motion: AngularMotion | None, *, is_remember
     even_s = min(unseen_s, EVEN_STEPS * motion.step_s)
     on_s, drift = (unseen_s, REMEMBERED_DRIFT) if is_remembered else (even_s, 1.0)
     return (
-        known.bearing_rad + motion.bearing_radps * on_s,
-        known.elevation_rad + motion.elevation_radps * on_s,
+        motion.bearing_rad + motion.bearing_radps * on_s,
+        motion.elevation_rad + motion.elevation_radps * on_s,
         motion.innovation_rad * unseen_s / motion.step_s + drift * drift_radps * (unseen_s - even_s),
     )
 

@@ -79,7 +79,8 @@ class SecondView:
             second: The second camera's frame that is nearest in time; None for none.
         """
         name = seen.measurement.target
-        motion = self._motions[name] = prediction.follow(self._motions.get(name), track) if track is not None else None
+        motion = prediction.follow(self._motions.get(name), track, seen.shape) if track is not None else None
+        self._motions[name] = motion
         if seen.measurement.position_m is None:
             return seen.measurement
         try:

@@ -520,7 +520,8 @@ class UprightShape(FlatShape, Struct, frozen=True, kw_only=True):
         known: Which of its lengths is known.
         length_m: That length.
         relative_sigma: Standard deviation of the length among things of this kind, as a share of it.
-        box_sigma: Standard deviation of that length in the picture, as the network finds it, as a share of it.
+        box_sigma: Standard deviation of that length in the picture, as a network finds it, of what is seen large: as a
+            share of it. Half of that variance stays with a thing, its hair, shoes and posture, and half comes anew.
     """
 
     known: KnownLength
@@ -554,8 +555,10 @@ class UprightShape(FlatShape, Struct, frozen=True, kw_only=True):
         half = np.array((0.0, detection.height_px / 2) if self.known == "height" else (detection.width_px / 2, 0.0))
         # Both ends of the length, so that the lens's distortion is undone at each.
         ends = camera.directions(np.array(detection.centre_px) + np.stack((-half, half)))
+        lasting_share = self.box_sigma / math.sqrt(2)
         if self.known != "eye_distance":
-            return read_by_one_length(detection, camera, self.length_m, float(np.hypot(*(ends[1] - ends[0]))))
+            reading = read_by_one_length(detection, camera, self.length_m, float(np.hypot(*(ends[1] - ends[0]))))
+            return replace(reading, systematic_share=lasting_share)
         rays = np.column_stack((ends, np.ones(2)))
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         # Two eyes L apart, square to the line of sight, appear under the angle γ: D = L / 2 / tan(γ / 2).
@@ -566,6 +569,7 @@ class UprightShape(FlatShape, Struct, frozen=True, kw_only=True):
         return Reading(
             position_m=(x * per_depth_m, y * per_depth_m, per_depth_m),
             noise_share=detection.size_sigma_px / detection.width_px,
+            systematic_share=lasting_share,
         )
 
 

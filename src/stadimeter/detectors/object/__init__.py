@@ -15,9 +15,9 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from stadimeter.config.extras import missing
 from stadimeter.config.files import is_file
-from stadimeter.config.plugins import DriverContext, DriverOptions
+from stadimeter.config.plugins import Count, DriverContext, DriverOptions, numbered
 from stadimeter.config.units import Duration, FilePath, LengthWithSpread, SpreadLength
-from stadimeter.detectors.object.detector import LoadedNetwork, ObjectDetector, ObjectSearch
+from stadimeter.detectors.object.detector import LoadedNetwork, ObjectDetector, ObjectSearch, SeveralObjects
 from stadimeter.detectors.object.families import FAMILIES, FamilyName, recognise
 from stadimeter.detectors.object.model_file import load_model
 from stadimeter.detectors.object.network import USUAL_EVERY_S, EngineChoice, Network, examine
@@ -25,9 +25,8 @@ from stadimeter.detectors.protocol import NetworkReport
 from stadimeter.errors import DriverError, UnreadableError
 from stadimeter.ranging.flat import KnownLength, UprightShape
 
-# Standard deviation of a length of a box as a share of it: sides of boxes by a network scatter by 3 to 5 % on people,
-# distances of eyes by 3 to 7 % on faces.
-BOX_SIGMA, EYES_SIGMA = 0.04, 0.05
+# Standard deviation of a length in the picture of a thing that is seen large, as a share of it.
+BOX_SIGMA = 0.05
 
 # Lengths that there are, in metres: the height of a class, and the distance of two pupils.
 PLAUSIBLE_M: Mapping[str, tuple[float, float]] = {"person": (0.4, 2.6), "eye_distance": (0.04, 0.08)}
@@ -55,8 +54,10 @@ class ObjectOptions(DriverOptions):
     """Boxes of which the network is less sure than this are not accepted."""
     every: Duration = USUAL_EVERY_S
     """The network looks once in this time of capture at most. In between its box is followed."""
-    box_sigma: Annotated[float, Field(gt=0, le=0.3)] | None = None
-    """Standard deviation of the length in the picture, as a share: 0.04 for boxes, 0.05 for eyes."""
+    box_sigma: Annotated[float, Field(gt=0, le=0.3)] = BOX_SIGMA
+    """Standard deviation of the length in the picture of what is seen large, as a share. In few pixels it is more."""
+    count: Count | None = None
+    """How many there are at most, each a target of its own; None for one."""
     input_px: Annotated[int, Field(ge=64, le=2048)] | None = None
     """The longer side of the picture that the network sees, where its file leaves that open."""
     engine: EngineChoice = "auto"
@@ -118,6 +119,11 @@ class ObjectOptions(DriverOptions):
             raise ValueError(f"eye_distance: {name} finds no eyes, {faces} do; write height or width")
         return self
 
+    @property
+    def members(self) -> tuple[str, ...]:
+        """The numbers from 1 to `count`."""
+        return numbered(self.count)
+
     def build(self, context: DriverContext) -> ObjectDetector:
         """Return the detector. The network is loaded with the first picture."""
         search = ObjectSearch(
@@ -127,7 +133,9 @@ class ObjectOptions(DriverOptions):
             load=partial(self._load, context.name, self.model) if self.model else None,
             class_name=self.class_name or "person",
         )
-        return ObjectDetector(context.name, search)
+        if self.count is None:
+            return ObjectDetector(context.name, search)
+        return SeveralObjects(context.name, search, self.count)
 
     def _load(self, name: str, model: Path) -> LoadedNetwork:
         try:
@@ -154,7 +162,7 @@ class ObjectOptions(DriverOptions):
             known=known,
             length_m=length.length_m,
             relative_sigma=length.sigma_m / length.length_m,
-            box_sigma=self.box_sigma or (EYES_SIGMA if known == "eye_distance" else BOX_SIGMA),
+            box_sigma=self.box_sigma,
         )
 
     @staticmethod

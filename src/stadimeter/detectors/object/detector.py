@@ -1,215 +1,36 @@
-"""Finding an object: the network looks from time to time, and its box is followed in between.
+"""Finding objects: the network looks from time to time, and its boxes are followed in between.
 
-**State.** A detector keeps no state, but this one remembers what the network saw last (`LastLook`, and nothing else): a
-network takes 20 to 500 ms a picture, and what it saw, a pattern of corners, does not fit into a prediction. The rule is
-kept as far as a recording needs it: answers follow from the frames and their capture times alone, and what is
-remembered is used only for later frames of the same size. The same frame again, an earlier one, or one of another size
-is looked at as if there had been none before.
+**Where it looks.** In all of the picture, and every other time in a part of it at the resolution of its input: around a
+thing that is small in the whole picture, in turn, and in tiles of the picture while there is nothing to follow
+(`stadimeter.detectors.object.windows`). One look takes one run of the network, so that a live picture never waits for
+more. A picture that follows on none gets a second one, around what was found; one from a file gets all of them.
+
+**State.** A detector keeps no state, but this one remembers what it saw last (`Scene`, and nothing else): a network
+takes 20 to 500 ms a picture, and what it saw, a pattern of corners, does not fit into a prediction. The rule is kept as
+far as a recording needs it: answers follow from the frames and their capture times alone, and what is remembered is
+used only for later frames of the same size. An earlier frame, or one of another size, is looked at as if there had been
+none before.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
-import cv2
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import (
-    Detection,
-    DetectionStatus,
-    Flags,
-    Plane,
-    Points,
-    Prediction,
-    Profiles,
-    RejectedCandidate,
-    Values,
-)
-from stadimeter.core.frame import Frame, Image, SensorBoxes
-from stadimeter.detectors.object.families import Boxes, one_each, overlaps
+from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate, Values
+from stadimeter.core.frame import Frame, SensorBoxes
+from stadimeter.detectors.object.families import PERSON_SIGMA_PX, Boxes, one_each, overlaps
+from stadimeter.detectors.object.following import BoxPattern, BoxPlace, FollowedBox, follow_box, take_pattern
 from stadimeter.detectors.object.network import Network
+from stadimeter.detectors.object.windows import WORTHWHILE, InputSize, cut_by, part_around, tiles
 from stadimeter.detectors.protocol import check_image
-from stadimeter.detectors.sampling import Region, grey_of
-from stadimeter.ranging.flat import UprightShape
-
-# Following a box from picture to picture without a network: how it moved and grew since the network saw it.
-#
-# Corners inside of the box are found once, in the picture that the network saw, and looked for in each later one by the
-# pyramidal Lucas-Kanade method (J.-Y. Bouguet, "Pyramidal implementation of the Lucas Kanade feature tracker", Intel,
-# 2001). Always against that first picture, so nothing drifts. What does not lead back to where it began is left out
-# (Z. Kalal et al., "Forward-backward error", ICPR 2010), and the medians over the rest tell how the box moved and grew.
-
-# The box's longer side in the reduced picture in which it is followed. A growth of 1 % moves corners at its ends by a
-# third of a pixel then, and they are found to a tenth. At 96 px it took twice as long and was no better.
-FOLLOWED_PX = 64
-
-# The part of the box, from its middle on, in which corners are taken: beyond it is mostly background.
-INNER_SHARE = 0.8
-
-# How far around the box the later picture is looked at, in shares of its longer side.
-REACH_SHARE = 0.3
-
-# The side of the square in which it is looked for then.
-VIEW_PX = math.ceil(FOLLOWED_PX * (1 + 2 * REACH_SHARE)) + 2
-
-MAX_CORNERS = 24
-MIN_CORNERS = 8
-
-# Corners that do not lead back, or do not move as the box does, by more than this many reduced pixels.
-MAX_ASTRAY_PX = 1.5
-
-# Fewer of the corners than this share that move alike are no box.
-MIN_SHARE = 0.4
-
-# The box may grow or shrink by this factor since the network saw it: at 3 m, 1 m nearer.
-MAX_GROWTH = 1.5
-
-_WINDOW, _LEVELS = (11, 11), 2
-_STEPS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)
-
-
-class BoxPlace(NamedTuple):
-    """Place of a box: its centre, and its size as a factor of that which the network saw."""
-
-    centre_px: tuple[float, float]
-    growth: float = 1.0
-
-
-class ReducedView(NamedTuple):
-    """A part of a picture, reduced, in the upper left of a square; the rest repeats its last pixels."""
-
-    grey: Plane
-    left_top_px: Points
-    scale: Points
-
-    def reduce(self, points_px: Points) -> Points:
-        """Return where points of the picture are in it."""
-        return np.asarray((points_px - self.left_top_px) * self.scale)
-
-    def enlarge(self, points: Points) -> Points:
-        """Return where points in it are in the picture."""
-        return np.asarray(points / self.scale + self.left_top_px)
-
-
-class BoxPattern(Struct, frozen=True, kw_only=True, eq=False):
-    """The look of a box when the network saw it.
-
-    Attributes:
-        long_px: Its longer side.
-        view: The picture around it.
-        corners: Corners in that, shape ``(n, 2)``.
-        around_px: The same in pixels of the picture, from the centre of the box.
-    """
-
-    long_px: float
-    view: ReducedView
-    corners: Points
-    around_px: Points
-
-
-class FollowedBox(NamedTuple):
-    """Place of a box now, and the standard deviation of its growth, as a share."""
-
-    place: BoxPlace
-    growth_sigma: float
-
-
-def take_pattern(image: Image, corners_px: Values) -> BoxPattern | str:
-    """Return the pattern of a box to follow, given by left, top, right and bottom; or why nothing can be followed."""
-    centre, half = (corners_px[:2] + corners_px[2:]) / 2, (corners_px[2:] - corners_px[:2]) / 2
-    long_px = float(2 * half.max())
-    view = _view(image, BoxPlace((float(centre[0]), float(centre[1]))), long_px)
-    if view is None:
-        return "it is outside of the picture"
-    ends = np.stack((centre - INNER_SHARE * half, centre + INNER_SHARE * half))
-    (left, top), (right, bottom) = view.reduce(ends).round().astype(int).clip(0)
-    mask = np.zeros_like(view.grey)
-    mask[top:bottom, left:right] = 255
-    found = cv2.goodFeaturesToTrack(view.grey, MAX_CORNERS, 0.01, 4, mask=mask)
-    corners = np.empty((0, 2)) if found is None else np.asarray(found, np.float64).reshape(-1, 2)
-    if len(corners) < MIN_CORNERS:
-        return f"it has {len(corners)} corners to be followed by, limit {MIN_CORNERS}"
-    return BoxPattern(long_px=long_px, view=view, corners=corners, around_px=view.enlarge(corners) - centre)
-
-
-def follow_box(image: Image, pattern: BoxPattern, near: BoxPlace) -> FollowedBox | str:
-    """Return where the box is now, looked for around a place; or why it is not there."""
-    view = _view(image, near, pattern.long_px)
-    if view is None:
-        return "it would be outside of the picture"
-    first = pattern.corners.astype(np.float32)
-    start = view.reduce(near.growth * pattern.around_px + near.centre_px).astype(np.float32)
-    seen, is_seen = _flow(pattern.view.grey, view.grey, first, start)
-    back, is_back = _flow(view.grey, pattern.view.grey, seen, first)
-    good = is_seen & is_back & (np.abs(back - first).max(axis=1) < MAX_ASTRAY_PX)
-    enough = max(MIN_CORNERS, MIN_SHARE * len(good))
-    if good.sum() < enough:
-        return f"{good.sum()} of {len(good)} corners in it are found again, limit {enough:.0f}"
-    before, now = pattern.around_px[good], view.enlarge(seen[good].astype(np.float64))
-    growth, sigma, is_alike = _growth(before, now, MAX_ASTRAY_PX / float(view.scale.min()))
-    if is_alike.sum() < enough:
-        return f"{is_alike.sum()} of {len(good)} corners in it move alike, limit {enough:.0f}"
-    if not 1 / MAX_GROWTH < growth < MAX_GROWTH:
-        return f"it is {growth:.2f} times as large as the network saw it, limit {MAX_GROWTH:g}"
-    x_px, y_px = np.median((now - growth * before)[is_alike], axis=0).tolist()
-    return FollowedBox(BoxPlace((x_px, y_px), growth), sigma)
-
-
-def _view(image: Image, near: BoxPlace, long_px: float) -> ReducedView | None:
-    """Return the picture around a box, reduced so that this has the size in which it is followed."""
-    size_px = long_px * near.growth
-    region = Region.around(near.centre_px, (0.5 + REACH_SHARE) * size_px, image)
-    if region is None:
-        return None
-    part, scale = region.of(image), min(1.0, FOLLOWED_PX / size_px)
-    # Halved as often as possible, which is the mean of four pixels and quick, and the rest of the way linearly.
-    halvings = min(max(0, math.floor(-math.log2(scale))), min(part.shape[:2]).bit_length() - 1)
-    part = part[: part.shape[0] >> halvings << halvings, : part.shape[1] >> halvings << halvings]
-    columns, rows = (min(VIEW_PX, max(1, round(side * scale))) for side in (part.shape[1], part.shape[0]))
-    small = part
-    for _ in range(halvings):
-        half = small.shape[1] // 2, small.shape[0] // 2
-        small = np.asarray(cv2.resize(small, half, interpolation=cv2.INTER_AREA), np.uint8)
-    grey = cv2.resize(grey_of(small), (columns, rows), interpolation=cv2.INTER_LINEAR)
-    # The method takes two pictures of one size only.
-    grey = cv2.copyMakeBorder(grey, 0, VIEW_PX - rows, 0, VIEW_PX - columns, cv2.BORDER_REPLICATE)
-    exact = np.array((columns / part.shape[1], rows / part.shape[0]))
-    return ReducedView(np.asarray(grey, np.uint8), region.left_top_px, exact)
-
-
-def _flow(one: Plane, other: Plane, points: Profiles, start: Profiles) -> tuple[Profiles, Flags]:
-    """Return where points of one picture are in another one, looked for around a start, and which were found."""
-    found, is_found, _ = cv2.calcOpticalFlowPyrLK(
-        one, other, points, start.copy(), winSize=_WINDOW, maxLevel=_LEVELS, criteria=_STEPS,
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-    )  # fmt: skip
-    return np.asarray(found, np.float32), is_found.ravel() > 0
-
-
-def _growth(before: Points, now: Points, astray_px: float) -> tuple[float, float, Flags]:
-    """Return by which factor points moved apart, its standard deviation, and which points moved alike.
-
-    The factor is the median over the pairs of points that are farther apart than most.
-    """
-    one, other = np.triu_indices(len(before), 1)
-    apart = np.hypot(*(before[one] - before[other]).T)
-    far = apart >= np.median(apart)
-    growth = float(np.median(np.hypot(*(now[one] - now[other]).T)[far] / apart[far]))
-    off = now - growth * before
-    off_px = np.hypot(*(off - np.median(off, axis=0)).T)
-    is_alike = off_px < astray_px
-    alike = before[is_alike]
-    if not len(alike):
-        return growth, math.inf, is_alike
-    # Least squares: each coordinate errs by σ, the growth by σ / √(sum of the squared distances from the middle).
-    spread = float(((alike - alike.mean(axis=0)) ** 2).sum())
-    return growth, math.sqrt(float((off_px[is_alike] ** 2).mean()) / 2 / max(spread, 1e-9)), is_alike
-
+from stadimeter.detectors.sampling import REGION_SIGMAS, Region
+from stadimeter.ranging.flat import KnownLength, UprightShape
 
 # A followed box errs by this share more with each second since the network saw it. On 60 drawn figures that came
 # nearer, moved, leant and were lit otherwise, its growth was off by 0.3 % (median) and 1.5 % (p95) after half a second;
@@ -230,6 +51,28 @@ MIN_SIDE_PX = 4.0
 
 # One thing is surely nearer than another if it is larger by this many standard deviations of both: 11 % for people.
 NEARER_SIGMAS = 2.0
+
+# A box is of a thing that is followed from this overlap on; half a step of a person who walks across leaves more.
+SAME_OVERLAP = 0.3
+
+# A box found in a part of the picture is part of a larger one, an arm or a head, if that covers this share of it.
+WITHIN_SHARE = 0.7
+
+# A thing is worth a closer look where its pixels leave more than this share of the error that no pixels mend.
+CLOSER_SHARE = 0.5
+
+# In a picture from a file, the closer looks at things that were found.
+MAX_CLOSER = 16
+
+# A look counts as close as an earlier one at this share of its scale.
+AS_CLOSE = 0.9
+
+# One of several is looked for this far from where it is expected, as a share of its size, beside the prediction's own
+# error: the middle of a box goes up and down and from side to side as arms and legs move.
+NEAR_SHARE = 0.15
+
+# So many more than are wanted are followed, since not all of them need be who is in the slots.
+SPARE = 2
 
 # Where no prediction says which of several is meant, it is the one where the last box was, for this long after it.
 MEANT_FOR_S = 1.5
@@ -261,15 +104,30 @@ class ObjectSearch(Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Thing(Struct, frozen=True, kw_only=True, eq=False):
-    """One box of the network, in pixels of the picture, moved and scaled to where it is in a later one."""
+    """One box of the network, in pixels of the picture, moved and scaled to where it is in a later one.
 
-    boxes: Boxes  # one
+    Attributes:
+        boxes: The box as the network saw it, and nothing else.
+        seen_at_s: When that picture was captured.
+        pattern: What it is followed by; the reason if it cannot be.
+        growth_sigma: Standard deviation of its growth since then, as a share.
+    """
+
+    boxes: Boxes
     place: BoxPlace
+    seen_at_s: float
+    pattern: BoxPattern | str
+    growth_sigma: float = 0.0
+
+    @property
+    def score(self) -> float:
+        """How sure the network was."""
+        return float(min(max(self.boxes.scores[0], 0.0), 1.0))
 
     @property
     def corners(self) -> tuple[float, float, float, float]:
         """Left, top, right and bottom."""
-        left, top, right, bottom = self.boxes.corners[0]
+        left, top, right, bottom = self.boxes.corners[0].tolist()
         (x, y), half_x, half_y = self.place.centre_px, (right - left) / 2, (bottom - top) / 2
         half_x, half_y = half_x * self.place.growth, half_y * self.place.growth
         return x - half_x, y - half_y, x + half_x, y + half_y
@@ -283,47 +141,60 @@ class Thing(Struct, frozen=True, kw_only=True, eq=False):
         one, other = ((self.boxes.eyes[0] - was) * self.place.growth + self.place.centre_px).tolist()
         return tuple(one), tuple(other)
 
-    @classmethod
-    def first(cls, boxes: Boxes) -> Thing:
-        """Return a box where the network sees it."""
-        x, y = ((boxes.corners[0, :2] + boxes.corners[0, 2:]) / 2).tolist()
-        return cls(boxes=boxes, place=BoxPlace((x, y)))
+    def length_px(self, known: KnownLength) -> float:
+        """Return how long its known length is."""
+        left, top, right, bottom = self.corners
+        if known == "eye_distance" and self.eyes is not None:
+            return max(math.dist(*self.eyes), 1e-6)
+        return bottom - top if known == "height" else right - left
 
 
-class LastLook(Struct, frozen=True, kw_only=True, eq=False):
-    """Findings of the network's last look.
+class Scene(Struct, frozen=True, kw_only=True, eq=False):
+    """The things in the newest picture, and what the network's last look was.
 
     Attributes:
-        at_s: When that picture was captured.
-        size_px: Width and height of the picture.
-        answer: What was answered then.
-        thing: The box, where it was followed to; None if there was none, or it was cut off.
-        pattern: What it is followed by; the reason if it cannot be.
-        is_lost: Whether it could not be followed, so that the network looks at the next picture.
+        frame: The picture.
+        looked_at_s: When the picture was captured in which the network looked last.
+        looks: How often it has looked since a picture that followed on none.
+        things: Those that it found, where they are now.
+        unlikely: Boxes of low scores, and such as are too small, of the last look.
+        rejected: What was reported of others at the last look.
+        lost: What could not be followed, where it was last: the network looks there in the next picture.
+        why_none: Why nothing is known, where that is no finding of the network.
     """
 
-    at_s: float
-    size_px: tuple[int, int]
-    answer: Detection
-    thing: Thing | None = None
-    pattern: BoxPattern | str = ""
-    is_lost: bool = False
+    frame: Frame
+    looked_at_s: float
+    looks: int
+    things: tuple[Thing, ...]
+    unlikely: Boxes
+    rejected: tuple[RejectedCandidate, ...] = ()
+    lost: tuple[Thing, ...] = ()
+    why_none: str = ""
 
-    def age_s(self, frame: Frame) -> float:
-        """Return the time since then; infinity for a frame that does not follow on it."""
-        age_s = frame.captured_at_s - self.at_s
-        return age_s if age_s > 0 and self.size_px == (frame.width_px, frame.height_px) else math.inf
+    @property
+    def age_s(self) -> float:
+        """The time since the last look."""
+        return self.frame.captured_at_s - self.looked_at_s
+
+    def precedes(self, frame: Frame) -> bool:
+        """Check whether a frame follows on this one."""
+        sizes = {(each.width_px, each.height_px) for each in (self.frame, frame)}
+        return frame.captured_at_s > self.frame.captured_at_s and len(sizes) == 1
 
 
 class ObjectDetector:
     """Finds one thing of a class by a network."""
+
+    most = 1
+    """How many things are followed between the looks of the network."""
 
     def __init__(self, name: str, search: ObjectSearch) -> None:
         self._name = name
         self._search = search
         self._shape = search.shape
         self._loaded: LoadedNetwork | None = None
-        self._memory: LastLook | None = None
+        self._scene: Scene | None = None
 
     @property
     def _what(self) -> str:
@@ -346,110 +217,203 @@ class ObjectDetector:
         Raises:
             DriverError: The network cannot be loaded or run.
         """
+        before = self._scene
+        scene = self._see(frame, prediction)
+        if not scene.things:
+            return self._nothing(scene)
+        if scene.age_s > 0:
+            return replace(self._report(scene.things[0], frame), rejected=scene.rejected)
+        chosen, remark = self._choose(scene.things, prediction, before, frame)
+        one, others = scene.things[chosen], (*scene.things[:chosen], *scene.things[chosen + 1 :])
+        rejected = self._rejected(others, scene.unlikely)
+        self._scene = replace(scene, things=(one, *others), rejected=rejected)
+        return replace(self._report(one, frame, remark), rejected=rejected)
+
+    # What is in a picture: the network looks, or what it saw is followed ----------------------------------------------
+
+    def _see(self, frame: Frame, prediction: Prediction | None = None) -> Scene:
+        """Return the scene of a frame, which for the frame before is the one that there is."""
         check_image(frame)
-        memory = self._memory
-        if memory is None or memory.is_lost or memory.age_s(frame) >= self._search.every_s:
-            if self._search.load is None and frame.boxes is None:
-                return self._missing("the camera has no result of a network with this picture: set network in [camera]")
-            return self._look(frame, prediction)
-        if memory.thing is None:
-            since = f"when the network last looked, {memory.age_s(frame):.2f} s before"
-            return replace(memory.answer, reason=f"{memory.answer.reason}, {since}")
-        return self._follow(frame, prediction, memory, memory.thing)
-
-    def _look(self, frame: Frame, prediction: Prediction | None) -> Detection:
-        limit = self._search.min_score
-        boxes = self._boxes(frame, NEARLY * limit)
-        short_px = (boxes.corners[:, 2:] - boxes.corners[:, :2]).min(axis=1)
-        is_likely = (boxes.scores >= limit) & (short_px >= MIN_SIDE_PX)
-        likely, unlikely = (boxes.take(np.flatnonzero(which)) for which in (is_likely, ~is_likely))
-        pattern: BoxPattern | str = ""
-        if len(likely.scores):
-            chosen, remark = self._choose(likely, prediction, frame)
-            others = likely.take(np.delete(np.arange(len(likely.scores)), chosen))
-            thing = Thing.first(likely.take(np.array([chosen])))
-            answer = self._report(thing, frame, 0.0, remark, self._rejected(others, unlikely))
-            pattern = take_pattern(frame.image, thing.boxes.corners[0])
+        scene = self._scene
+        if scene is not None and scene.frame is frame:
+            return scene
+        if scene is not None and not scene.precedes(frame):
+            scene = None
+        since_s = math.inf if scene is None else frame.captured_at_s - scene.looked_at_s
+        is_on_sensor = self._search.load is None
+        if scene is None or scene.lost or since_s >= self._search.every_s or (is_on_sensor and frame.boxes is not None):
+            self._scene = self._look(frame, scene, prediction)
         else:
-            thing = None
-            refused = self._rejected(likely, unlikely)
-            best = f": the likeliest box {refused[0].reason}" if refused else ""
-            answer = self._missing(f"no {self._what}{best}", refused)
-        is_whole = answer.status is DetectionStatus.FOUND
-        size_px = frame.width_px, frame.height_px
-        self._memory = LastLook(
-            at_s=frame.captured_at_s, size_px=size_px, answer=answer, thing=thing if is_whole else None, pattern=pattern
-        )
-        return answer
+            followed, lost, why = self._followed(frame, scene, prediction)
+            self._scene = replace(scene, frame=frame, things=followed, lost=lost, why_none=why or scene.why_none)
+        return self._scene
 
-    def _boxes(self, frame: Frame, min_score: float) -> Boxes:
-        if self._search.load is not None:
-            loaded = self._loaded = self._loaded or self._search.load()
-            return loaded.network.find(frame.image, loaded.number, min_score)
-        found = frame.boxes or SensorBoxes(np.empty((0, 4)), np.empty(0), ())
+    def _look(self, frame: Frame, scene: Scene | None, prediction: Prediction | None) -> Scene:
+        none = Boxes(np.empty((0, 4)), np.empty(0))
+        seen = Scene(frame=frame, looked_at_s=frame.captured_at_s, looks=1, things=(), unlikely=none)
+        if scene is not None:
+            things, lost, _ = self._followed(frame, scene, prediction)
+            seen = replace(seen, things=things, lost=(*scene.lost, *lost), looks=scene.looks + 1)
+        load = self._search.load
+        if load is None:
+            if frame.boxes is None:
+                why = "the camera has no result of a network with this picture: set network in [camera]"
+                return replace(seen, things=(), lost=(), why_none=why)
+            return self._take_in(seen, Region.whole(frame.image), self._of_sensor(frame, frame.boxes))
+        loaded = self._loaded = self._loaded or load()
+        size = InputSize(*loaded.network.input_px(frame.image))
+        if scene is not None:
+            return self._look_at(loaded, seen, self._part(seen, size))
+        seen = self._look_at(loaded, seen, Region.whole(frame.image))
+        for part in tiles(frame.image, size) if frame.source and len(seen.things) < self.most else ():
+            seen = self._look_at(loaded, seen, part)
+        for thing in seen.things[: MAX_CLOSER if frame.source else 1]:
+            if self._is_small(thing, frame, size):
+                seen = self._look_at(loaded, seen, part_around(np.array(thing.corners), frame.image, size))
+        return seen
+
+    def _part(self, seen: Scene, size: InputSize) -> Region:
+        """Return where to look: everywhere; or closer, at what was lost, at what is small, or for what is not found."""
+        frame, is_odd = seen.frame, seen.looks % 2 == 0
+        sought = seen.lost or (seen.things if is_odd else ())
+        small = (each for each in sought if self._is_small(each, frame, size))
+        parts = tuple(part_around(np.array(each.corners), frame.image, size) for each in small)
+        if is_odd and not seen.lost and not parts and len(seen.things) < self.most:
+            parts = tiles(frame.image, size)
+        return parts[(seen.looks - 1) // 2 % len(parts)] if parts else Region.whole(frame.image)
+
+    def _is_small(self, thing: Thing, frame: Frame, size: InputSize) -> bool:
+        """Check whether a closer look is worth it: pixels are what its error comes from, and there are more."""
+        part = part_around(np.array(thing.corners), frame.image, size)
+        scale = size.scale_of(part.right - part.left, part.bottom - part.top)
+        whole = size.scale_of(frame.width_px, frame.height_px)
+        few = self._sigma_px > CLOSER_SHARE * self._shape.box_sigma * whole * thing.length_px(self._shape.known)
+        return few and scale > WORTHWHILE * whole and not self._cut_side(thing, frame)
+
+    def _look_at(self, loaded: LoadedNetwork, scene: Scene, part: Region) -> Scene:
+        """Let the network look at a part of the picture."""
+        image, limit = scene.frame.image, NEARLY * self._search.min_score
+        found = loaded.network.find(part.of(image), loaded.number, limit)
+        shift = np.array((part.left, part.top))
+        eyes = None if found.eyes is None else found.eyes + shift
+        found = found._replace(corners=found.corners + np.tile(shift, 2), eyes=eyes)
+        return self._take_in(scene, part, found.take(np.flatnonzero(~cut_by(part, found.corners, image, found.scale))))
+
+    def _of_sensor(self, frame: Frame, found: SensorBoxes) -> Boxes:
         is_meant = np.array(found.classes, object) == self._search.class_name
-        which = np.flatnonzero(is_meant & (found.scores >= min_score))
-        return one_each(Boxes(found.corners_px, found.scores).take(which))
+        which = np.flatnonzero(is_meant & (found.scores >= NEARLY * self._search.min_score))
+        scale = found.input_px / max(frame.width_px, frame.height_px)
+        return one_each(Boxes(found.corners_px, found.scores, scale=scale).take(which))
 
-    def _follow(self, frame: Frame, prediction: Prediction | None, memory: LastLook, thing: Thing) -> Detection:
-        pattern = memory.pattern
-        followed: FollowedBox | str = pattern if isinstance(pattern, str) else ""
-        for near in _starts(thing, prediction):
-            if isinstance(pattern, BoxPattern) and not isinstance(followed, FollowedBox):
-                followed = follow_box(frame.image, pattern, near)
-        if not isinstance(followed, FollowedBox):
-            self._memory = replace(memory, is_lost=True)
-            return self._missing(f"the {self._what} is not followed until the network looks again: {followed}")
-        thing = replace(thing, place=followed.place)
-        self._memory = replace(memory, thing=thing)
-        share = math.hypot(SIGMA_PER_S * memory.age_s(frame), followed.growth_sigma)
-        return self._report(thing, frame, share, "", memory.answer.rejected)
+    def _take_in(self, scene: Scene, part: Region, found: Boxes) -> Scene:
+        """Join what the network finds in a part of the picture with what is there already.
 
-    def _choose(self, likely: Boxes, prediction: Prediction | None, frame: Frame) -> tuple[int, str]:
-        """Return which of some boxes is meant, and a remark if there was a choice.
+        Of two boxes of one thing the more exact one stays. A thing is gone if the network looked where it is, as
+        closely as when it saw it, and does not see it.
+        """
+        short_px = (found.corners[:, 2:] - found.corners[:, :2]).min(axis=1, initial=math.inf)
+        is_likely = (found.scores >= self._search.min_score) & (short_px >= MIN_SIDE_PX)
+        likely, unlikely = (found.take(np.flatnonzero(which)) for which in (is_likely, ~is_likely))
+        known, things = list(scene.things), []
+        for index in range(len(likely.scores)):
+            thing = self._first(likely.take(np.array([index])), scene.frame)
+            corners = np.array([each.corners for each in known]).reshape(-1, 4)
+            common = overlaps(np.array(thing.corners), corners)
+            if known and common.max() >= SAME_OVERLAP:
+                same = known.pop(int(common.argmax()))
+                at_s = scene.frame.captured_at_s
+                things.append(min(thing, same, key=lambda each: self._noise_share(each, at_s)))
+            elif part == Region.whole(scene.frame.image) or not _is_within(thing, known):
+                things.append(thing)
+        things += [each for each in known if not _should_show(part, each, likely.scale, scene.frame)]
+        things.sort(key=lambda each: -each.length_px(self._shape.known))
+        return replace(scene, things=tuple(things), unlikely=unlikely, lost=())
+
+    def _first(self, box: Boxes, frame: Frame) -> Thing:
+        """Return a box where the network sees it."""
+        x, y = ((box.corners[0, :2] + box.corners[0, 2:]) / 2).tolist()
+        pattern = take_pattern(frame.image, box.corners[0])
+        return Thing(boxes=box, place=BoxPlace((x, y)), seen_at_s=frame.captured_at_s, pattern=pattern)
+
+    def _followed(
+        self, frame: Frame, scene: Scene, prediction: Prediction | None
+    ) -> tuple[tuple[Thing, ...], tuple[Thing, ...], str]:
+        """Return where things are now, those of which that is not known, and why."""
+        kept, lost, why = [], [], ""
+        for thing in scene.things[: self.most]:
+            if self._cut_side(thing, frame):  # it would be taken for whole further inside
+                kept.append(thing)
+                continue
+            followed: FollowedBox | str = thing.pattern if isinstance(thing.pattern, str) else ""
+            for near in _starts(thing, prediction):
+                if isinstance(thing.pattern, BoxPattern) and not isinstance(followed, FollowedBox):
+                    followed = follow_box(frame.image, thing.pattern, near)
+            if isinstance(followed, FollowedBox):
+                kept.append(replace(thing, place=followed.place, growth_sigma=followed.growth_sigma))
+            else:
+                lost.append(thing)
+                why = f"the {self._what} is not followed until the network looks again: {followed}"
+        return tuple(kept), tuple(lost), why
+
+    # Which one is meant, and what is said of it -----------------------------------------------------------------------
+
+    def _choose(
+        self, things: tuple[Thing, ...], prediction: Prediction | None, before: Scene | None, frame: Frame
+    ) -> tuple[int, str]:
+        """Return which of some things is meant, and a remark if there was a choice.
 
         One track stands for all, so the one that is followed gives way to one that is surely nearer: an alarm on a
         person must not be late since another one, farther away, was seen first.
         """
-        count = len(likely.scores)
+        count = len(things)
         if count == 1:
             return 0, ""
-        sides = likely.corners[:, 2:] - likely.corners[:, :2]
-        whole = np.array(
-            [not self._cut_side(Thing.first(likely.take(np.array([each]))), frame) for each in range(count)]
-        )
-        known = sides[:, 0 if self._shape.known == "width" else 1]
-        expected, remark = self._expected(likely.corners, prediction, frame)
+        whole = np.array([not self._cut_side(each, frame) for each in things])
+        known = np.array([each.length_px(self._shape.known) for each in things])
+        corners = np.array([each.corners for each in things])
+        expected, remark = self._expected(corners, prediction, before, frame)
         if expected is None:
-            areas = sides.prod(axis=1)
+            areas = (corners[:, 2:] - corners[:, :2]).prod(axis=1)
             return int(np.where(whole, areas, areas * 1e-9).argmax()), f"the largest of {count} in view"
         nearest = int(np.where(whole, known, 0.0).argmax())
-        surely = 1 + NEARER_SIGMAS * math.sqrt(2) * self._shape.box_sigma
-        if whole[nearest] and known[nearest] > surely * known[expected]:
+        at_s = frame.captured_at_s
+        both = math.hypot(*(self._noise_share(things[each], at_s) for each in (nearest, expected)))
+        if whole[nearest] and known[nearest] > (1 + NEARER_SIGMAS * both) * known[expected]:
             return nearest, f"the nearest of {count}"
         return expected, f"the one of {count} that {remark}"
 
-    def _expected(self, corners: Values, prediction: Prediction | None, frame: Frame) -> tuple[int | None, str]:
+    def _expected(
+        self, corners: Values, prediction: Prediction | None, before: Scene | None, frame: Frame
+    ) -> tuple[int | None, str]:
         """Return the box of the one that is followed, and why it is that; None where none is."""
         if prediction is not None and all(map(math.isfinite, prediction.centre_px)):
             off = np.abs((corners[:, :2] + corners[:, 2:]) / 2 - prediction.centre_px).max(axis=1)
             return int(off.argmin()), "is nearest to where it was expected"
-        memory = self._memory
-        last = memory.thing if memory and memory.age_s(frame) <= self._search.every_s + MEANT_FOR_S else None
-        if last is not None and (common := overlaps(np.array(last.corners), corners)).max() > 0:
-            return int(common.argmax()), "the network saw last"
-        return None, ""
+        if before is None or not before.things or not (before.frame is frame or before.precedes(frame)):
+            return None, ""
+        if frame.captured_at_s - before.looked_at_s > self._search.every_s + MEANT_FOR_S:
+            return None, ""
+        common = overlaps(np.array(before.things[0].corners), corners)
+        return (int(common.argmax()), "the network saw last") if common.max() > 0 else (None, "")
 
-    def _report(
-        self, thing: Thing, frame: Frame, followed_share: float, remark: str, rejected: tuple[RejectedCandidate, ...]
-    ) -> Detection:
+    @property
+    def _sigma_px(self) -> float:
+        return self._loaded.network.sigma_px if self._loaded else PERSON_SIGMA_PX
+
+    def _noise_share(self, thing: Thing, at_s: float) -> float:
+        """Return the standard deviation of its known length that differs from look to look, as a share."""
+        seen_px = thing.length_px(self._shape.known) / thing.place.growth * thing.boxes.scale
+        since = SIGMA_PER_S * (at_s - thing.seen_at_s)
+        return math.hypot(self._shape.box_sigma / math.sqrt(2), self._sigma_px / seen_px, since, thing.growth_sigma)
+
+    def _report(self, thing: Thing, frame: Frame, remark: str = "") -> Detection:
         left, top, right, bottom = thing.corners
         width_px, height_px = right - left, bottom - top
         centre = thing.place.centre_px
-        known_px = height_px if self._shape.known == "height" else width_px
+        known_px = thing.length_px(self._shape.known)
         if self._shape.known == "eye_distance" and thing.eyes is not None:
             (x, y), (other_x, other_y) = thing.eyes
-            known_px = width_px = height_px = max(math.hypot(other_x - x, other_y - y), 1e-6)
+            width_px = height_px = known_px
             centre = (x + other_x) / 2, (y + other_y) / 2
         side = self._cut_side(thing, frame)
         cut = f"the {self._what}, {right - left:.0f}x{bottom - top:.0f} px, is cut off by the {side} border"
@@ -461,9 +425,8 @@ class ObjectDetector:
             centre_px=centre,
             width_px=width_px,
             height_px=height_px,
-            size_sigma_px=known_px * math.hypot(self._shape.box_sigma, followed_share),
-            quality=float(min(max(thing.boxes.scores[0], 0.0), 1.0)),
-            rejected=rejected,
+            size_sigma_px=known_px * self._noise_share(thing, frame.captured_at_s),
+            quality=thing.score,
         )
 
     def _cut_side(self, thing: Thing, frame: Frame) -> str:
@@ -477,22 +440,91 @@ class ObjectDetector:
         sides = {"height": down, "width": across, "eye_distance": {**across, **down}}[self._shape.known]
         return " and ".join(name for name, is_cut in sides.items() if is_cut)
 
-    def _rejected(self, others: Boxes, unlikely: Boxes) -> tuple[RejectedCandidate, ...]:
-        found = []
-        for boxes in (others, unlikely):
-            for (left, top, right, bottom), score in zip(boxes.corners.tolist(), boxes.scores.tolist(), strict=True):
-                why = f"scores {score:.2f}, limit {self._search.min_score:g}"
-                if boxes is others:
-                    why = f"is another {self._what}, score {score:.2f}"
-                elif score >= self._search.min_score:
-                    why = f"has a side of {min(right - left, bottom - top):.1f} px, limit {MIN_SIDE_PX:g} px"
-                corners = (left, top), (right, top), (right, bottom), (left, bottom)
-                centre, size_px = ((left + right) / 2, (top + bottom) / 2), max(right - left, bottom - top)
-                found.append(RejectedCandidate(centre_px=centre, size_px=size_px, reason=why, corners_px=corners))
-        return tuple(found[:MAX_REJECTED])
+    def _rejected(self, others: tuple[Thing, ...], unlikely: Boxes) -> tuple[RejectedCandidate, ...]:
+        found = [(each.corners, f"is another {self._what}, score {each.score:.2f}") for each in others]
+        for corners, score in zip(unlikely.corners.tolist(), unlikely.scores.tolist(), strict=True):
+            why = f"scores {score:.2f}, limit {self._search.min_score:g}"
+            if score >= self._search.min_score:
+                short_px = min(corners[2] - corners[0], corners[3] - corners[1])
+                why = f"has a side of {short_px:.1f} px, limit {MIN_SIDE_PX:g} px"
+            found.append((tuple(corners), why))
+        return tuple(
+            RejectedCandidate(
+                centre_px=((left + right) / 2, (top + bottom) / 2),
+                size_px=max(right - left, bottom - top),
+                reason=why,
+                corners_px=((left, top), (right, top), (right, bottom), (left, bottom)),
+            )
+            for (left, top, right, bottom), why in found[:MAX_REJECTED]
+        )
 
-    def _missing(self, reason: str, rejected: tuple[RejectedCandidate, ...] = ()) -> Detection:
+    def _nothing(self, scene: Scene) -> Detection:
+        """Report that there is none."""
+        rejected = self._rejected((), scene.unlikely)
+        best = f": the likeliest box {rejected[0].reason}" if rejected else ""
+        since = f", when the network last looked, {scene.age_s:.2f} s before" if scene.age_s > 0 else ""
+        reason = scene.why_none or f"no {self._what}{best}{since}"
         return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason, rejected=rejected)
+
+
+class SeveralObjects(ObjectDetector):
+    """Finds every thing of a class, as many as there are.
+
+    Args:
+        count: How many are wanted at most.
+    """
+
+    numbers: tuple[int, ...] = ()
+    """None: they are all alike."""
+
+    def __init__(self, name: str, search: ObjectSearch, count: int) -> None:
+        super().__init__(name, search)
+        self.most = count + SPARE
+
+    def detect_all(self, frame: Frame, *, lens: CameraModel | None = None) -> tuple[Detection, ...]:  # noqa: ARG002
+        """Return all that are in sight."""
+        scene = self._see(frame)
+        return tuple(self._report(each, frame) for each in scene.things) or (self._nothing(scene),)
+
+    def detect_near(
+        self,
+        frame: Frame,
+        prediction: Prediction,
+        *,
+        lens: CameraModel | None = None,  # noqa: ARG002
+    ) -> Detection:
+        """Return the one that is nearest to the prediction."""
+        reach_px = REGION_SIGMAS * prediction.sigma_px + NEAR_SHARE * prediction.size_px
+        away = [(math.dist(each.place.centre_px, prediction.centre_px), each) for each in self._see(frame).things]
+        off_px, thing = min(away, key=lambda each: each[0], default=(math.inf, None))
+        if thing is None or not off_px <= reach_px:
+            reason = f"no {self._what} is where one was expected"
+            return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason)
+        return self._report(thing, frame)
+
+
+def _is_within(thing: Thing, others: list[Thing]) -> bool:
+    """Check whether a box is part of a larger one."""
+    one = np.array(thing.corners)
+    for each in others:
+        other = np.array(each.corners)
+        common = (np.minimum(one[2:], other[2:]) - np.maximum(one[:2], other[:2])).clip(0).prod()
+        if common >= WITHIN_SHARE * (one[2:] - one[:2]).prod():
+            return True
+    return False
+
+
+def _should_show(part: Region, thing: Thing, scale: float, frame: Frame) -> bool:
+    """Check whether a thing would be seen in a part of the picture at this scale, if it was there."""
+    if scale < AS_CLOSE * thing.boxes.scale:
+        return False
+    left, top, right, bottom = thing.corners
+    return (
+        part.left <= max(left, 0)
+        and part.top <= max(top, 0)
+        and min(right, frame.width_px) <= part.right
+        and min(bottom, frame.height_px) <= part.bottom
+    )
 
 
 def _starts(thing: Thing, prediction: Prediction | None) -> list[BoxPlace]:

@@ -131,15 +131,18 @@ class Boxes(NamedTuple):
         corners: Left, top, right and bottom, shape ``(n, 4)``.
         scores: How sure the network is of each, 0 to 1, shape ``(n,)``.
         eyes: Of faces, where both eyes are, shape ``(n, 2, 2)``; None of other things.
+        scale: How many pixels of the network's input a pixel was when it saw them.
     """
 
     corners: Values
     scores: Values
     eyes: Points | None = None
+    scale: float = 1.0
 
     def take(self, which: Indices) -> Boxes:
         """Return some of them, in this order."""
-        return Boxes(self.corners[which], self.scores[which], None if self.eyes is None else self.eyes[which])
+        eyes = None if self.eyes is None else self.eyes[which]
+        return self._replace(corners=self.corners[which], scores=self.scores[which], eyes=eyes)
 
 
 class FittedPicture(NamedTuple):
@@ -154,7 +157,7 @@ class FittedPicture(NamedTuple):
         scale = np.array((self.scale_x, self.scale_y))
         corners = boxes.corners.reshape(-1, 2, 2) / scale - 0.5
         eyes = None if boxes.eyes is None else boxes.eyes / scale - 0.5
-        return Boxes(corners.reshape(-1, 4), boxes.scores, eyes)
+        return Boxes(corners.reshape(-1, 4), boxes.scores, eyes, min(self.scale_x, self.scale_y))
 
 
 def fit_picture(image: Image, width: int, height: int, fill: int) -> FittedPicture:
@@ -267,6 +270,10 @@ COCO = tuple(_COCO.split(","))
 
 FACE = ("face",)
 
+
+# Both ends of a length together err by this many pixels of the input, as a standard deviation.
+PERSON_SIGMA_PX, EYES_SIGMA_PX = 1.5, 0.5
+
 # What the sides of an input are multiples of, where the file leaves its size open.
 MULTIPLE = 32
 
@@ -284,6 +291,7 @@ class NetworkFamily(Struct, frozen=True, kw_only=True):
         fill: The level around a picture of another aspect.
         free_px: The longer side of the input where the file leaves it open.
         has_eyes: Whether it finds faces with their eyes.
+        sigma_px: Standard deviation of the lengths that it gives, in pixels of its input, beside what no pixels mend.
     """
 
     count_classes: Callable[[Sequence[Shape], tuple[int | None, int | None]], int]
@@ -294,6 +302,7 @@ class NetworkFamily(Struct, frozen=True, kw_only=True):
     fill: int = 114
     free_px: int = 640
     has_eyes: bool = False
+    sigma_px: float = PERSON_SIGMA_PX
 
 
 def _check_cells(cells: int | None, size: tuple[int | None, int | None], strides: Sequence[int]) -> None:
@@ -367,9 +376,17 @@ FAMILIES: Mapping[FamilyName, NetworkFamily] = {
         fill=0,
         free_px=416,
     ),
-    "yunet": NetworkFamily(count_classes=_yunet, decode=decode_yunet, fill=0, free_px=320, has_eyes=True),
+    "yunet": NetworkFamily(
+        count_classes=_yunet, decode=decode_yunet, fill=0, free_px=320, has_eyes=True, sigma_px=EYES_SIGMA_PX
+    ),
     "centerface": NetworkFamily(
-        count_classes=_centerface, decode=decode_centerface, is_rgb=True, fill=0, free_px=256, has_eyes=True
+        count_classes=_centerface,
+        decode=decode_centerface,
+        is_rgb=True,
+        fill=0,
+        free_px=256,
+        has_eyes=True,
+        sigma_px=EYES_SIGMA_PX,
     ),
 }
 

@@ -146,6 +146,15 @@ class Network:
         self._engine = open_engine(engine, known.file)
         self._input_px = input_px
 
+    @property
+    def sigma_px(self) -> float:
+        """Standard deviation of the lengths of its boxes, in pixels of its input."""
+        return self._known.family.sigma_px
+
+    def input_px(self, image: Image) -> tuple[int, int]:
+        """Return width and height of its input for a picture."""
+        return self._known.input_for(image.shape[1], image.shape[0], self._input_px)
+
     def find(self, image: Image, number: int, min_score: float) -> Boxes:
         """Return the boxes of a class in a picture, one for each thing, the likeliest first.
 
@@ -153,7 +162,7 @@ class Network:
             DriverError: The engine cannot run it, or it gives other outputs than its family does.
         """
         family = self._known.family
-        width, height = self._known.input_for(image.shape[1], image.shape[0], self._input_px)
+        width, height = self.input_px(image)
         fitted = fit_picture(image, width, height, family.fill)
         outputs = self._engine.run(to_blob(fitted.image, family))
         try:
