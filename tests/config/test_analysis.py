@@ -21,8 +21,9 @@ GOOD = sorted(FOLDER.glob("*.good.toml"))
 SAID = re.compile(r"# (error|warning) ([a-z-]+): (.+)$")
 
 CLASSES = {
-    "bad-value", "driver", "equal-priority", "height-unknown", "motion-blind", "never-true", "output-unused",
-    "pin-taken", "reference-cycle", "shadowed", "unheard", "unknown-key", "unknown-name", "unreachable", "unresolvable",
+    "bad-value", "driver", "equal-priority", "feet-cut", "height-unknown", "motion-blind", "never-true",
+    "output-unused", "pin-taken", "reference-cycle", "shadowed", "unheard", "unknown-key", "unknown-name",
+    "unreachable", "unresolvable",
 }  # fmt: skip
 """The codes that programs may rely on."""
 

@@ -68,10 +68,21 @@ def test_a_member_beyond_the_count_is_refused_with_those_that_there_are(tmp_path
     assert (line, message, hint) == (BASIS.count("\n") + 3, "there is no target 'balls-9'", STANDS)
 
 
-def test_a_group_is_no_single_target_and_the_hint_says_what_to_name(tmp_path: Path) -> None:
-    ((_, message, hint),) = problems(tmp_path, RULE.format("balls"))
-    assert message == "there is no target 'balls'"
-    assert hint == f'{STANDS}; targets = ["balls"] makes one alarm for each'
+def test_a_rule_on_the_group_is_one_on_any_of_it_so_the_nearest_counts(tmp_path: Path) -> None:
+    nested = '[rules.near]\nactuator = "buzzer"\ntarget = "cup"\nwhen = { any = [{ target = "balls", seen = true }] }\n'
+    figure = '[figures.most]\ntarget = "balls"\nstatistic = "maximum"\nwithin = "1 h"\n'
+    loaded = load(tmp_path, RULE.format("balls") + figure)
+    assert loaded.plan.rules[0].target == "balls-nearest"
+    assert loaded.plan.figures[0].target == "balls-nearest"
+    assert targets_of(gate_of(load(tmp_path, nested).plan.rules[0]).condition) == {"balls-nearest"}
+
+
+def test_where_a_group_is_all_there_is_a_rule_need_not_name_it(tmp_path: Path) -> None:
+    alone = BASIS.partition("[targets.cup]")[0] + "[targets.balls]" + BASIS.partition("[targets.balls]")[2]
+    rule = '[rules.near]\nactuator = "buzzer"\nwhen = { below = "1 m" }\n'
+    (near,) = load(tmp_path, rule, alone).plan.rules
+    assert near.target == "balls-nearest"
+    assert problems(tmp_path, rule)[0][1] == "which of the targets cup, balls is 'near' about?"
 
 
 @pytest.mark.parametrize(("count", "says"), [("0", "0 is below 1"), ("65", "65 is above 64")])
@@ -83,7 +94,10 @@ def test_a_count_out_of_range_is_one_error_with_its_line(tmp_path: Path, count: 
 def test_a_detector_that_finds_one_has_no_count(tmp_path: Path) -> None:
     found = problems(tmp_path, "", BASIS.replace('diameter = "8 cm"', 'diameter = "8 cm"\ncount = 2'))
     ((line, message, hint),) = found
-    assert (message, hint) == ("unknown key 'count'", "this detector finds one target; `ball` and `tag` find several")
+    assert (message, hint) == (
+        "unknown key 'count'",
+        "this detector finds one target; ball, tag and object find several",
+    )
     assert line == 1 + BASIS[: BASIS.index('diameter = "8 cm"')].count("\n") + 1
 
 

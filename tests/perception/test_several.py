@@ -17,6 +17,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.perception.perceiver import Perceiver, assign
 from stadimeter.perception.prediction import SEARCH_EVERY_S
 from support.crossing_balls import BLANK, HIDDEN_SHARE, RATE_HZ, Follower, PretendBalls, appearances, courses
+from support.crossing_people import Crossing
 from support.scenes.draw import CAMERA, TUNING_SEEDS
 
 
@@ -191,3 +192,25 @@ def test_no_other_way_costs_less(costs: list[list[float]]) -> None:
     taken = [j for j in given_to if j is not None]
     assert len(set(taken)) == len(taken)
     assert total(costs, given_to) == pytest.approx(least(costs))
+
+
+@pytest.mark.long
+def test_people_who_cross_keep_their_names_but_for_one_change_a_minute_and_their_distances_are_within_sigma() -> None:
+    """Twenty scenes of 40 s, in which two walk past each other every four seconds."""
+    scenes = [Crossing(seed, 40.0) for seed in range(20)]
+    for scene in scenes:
+        scene.run()
+    crossings, minutes = sum(each.crossings for each in scenes), 20 * 40 / 60
+    assert crossings > 150
+    assert sum(each.changes for each in scenes) <= minutes
+    assert sum(each.seen for each in scenes) > 0.85 * sum(each.boxes for each in scenes)
+    error, sigma = np.array([error for scene in scenes for error in scene.errors]).T
+    assert np.median(np.abs(error)) < 0.07
+    assert np.quantile(np.abs(error), 0.95) < 0.15
+    assert 0.90 < np.mean(np.abs(error) < 1.96 * sigma) < 0.99
+
+
+def test_a_person_who_walks_behind_another_one_keeps_the_name() -> None:
+    scene = Crossing(3, 12.0)
+    scene.run()
+    assert (scene.crossings > 0, scene.changes) == (True, 0)

@@ -15,7 +15,7 @@ from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.ball import BallShape
-from stadimeter.ranging.flat import SheetShape, TagShape
+from stadimeter.ranging.flat import SheetShape, TagShape, UprightShape
 from stadimeter.ranging.floor import OnFloor, camera_above, mean_of, stand
 from stadimeter.ranging.measure import measure
 from support.corners import detection_of_corners
@@ -149,6 +149,18 @@ def test_of_a_size_that_is_not_known_the_floor_alone_counts(seen_ball: SeenBall,
     lifted = stood(ball_at(seen_ball, 2.0, -0.3), camera, shape=unknown).measurement
     assert (lifted.status, lifted.distance_m) == (MeasurementStatus.ERROR, None)
     assert "above the horizon" in lifted.reason
+
+
+def test_the_floor_below_a_box_by_a_network_counts_with_the_feet_that_are_cut(camera: CameraModel) -> None:
+    """Of a thing of unknown height 3 m away; 7 % of it are left out at its lower end."""
+    ends = [in_camera(x, y, 3.0) for x, y in ((-0.1, -0.1), (0.1, -0.1), (0.1, HEIGHT_M), (-0.1, HEIGHT_M))]
+    found = detection_of_corners(np.array([camera.pixel(x / z, y / z) for x, y, z in ends]), sigma_px=0.5)
+    unknown = UprightShape(known="height", length_m=0.4, relative_sigma=math.inf)
+    sheet = SheetShape(width_m=0.2, height_m=0.4, relative_sigma=math.inf)
+    by_box, by_sheet = (stood(found, camera, shape=each) for each in (unknown, sheet))
+    assert by_box.distance_m == pytest.approx(math.hypot(3.0, 0.1), rel=0.01)
+    assert by_box.sigma_m > by_sheet.sigma_m
+    assert by_box.sigma_m / by_box.distance_m == pytest.approx(0.07 * 0.4 / HEIGHT_M, rel=0.35)
 
 
 def test_what_was_not_found_stays_as_it_is(camera: CameraModel) -> None:

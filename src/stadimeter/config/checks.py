@@ -150,7 +150,7 @@ def _topics(draft: Draft) -> Iterator[Finding]:
 
 
 def _one_target_named(draft: Draft) -> Iterator[Finding]:
-    if len(draft.names("targets")) < 2:
+    if len(draft.tables("targets")) < 2:
         return
     names = ", ".join(draft.tables("targets"))
     needs = {each.section for each in draft.compiled if each.needs_target}
@@ -228,6 +228,12 @@ def _heights(draft: Draft) -> Iterator[Finding]:
     if on_floor and draft.base is not None and getattr(draft.base.options, "tilt", None) is not None:
         message = "the base tilts the camera, so its tilt above the floor is not known"
         yield Finding((BASE_NAME, "tilt"), message, "leave on_floor out, or the tilt of the base", "floor-unseen")
+    for target in draft.targets:
+        by_network = hasattr(target.options, "box_sigma") and not _is_size_unknown(target)
+        if by_network and target.name in standing:
+            message = "boxes by a network cut the feet, so the floor makes distances too long"
+            hint = "leave on_floor out: its size is known"
+            yield Finding(("targets", target.name, "on_floor"), message, hint, "feet-cut")
     if draft.camera_table.height is not None:
         return
     asks: list[KeyPath] = [*on_floor]

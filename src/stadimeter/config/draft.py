@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -199,6 +199,12 @@ class Draft(ConfiguredParts, kw_only=True):
                 found[name] = tuple(f"{name}-{number}" for number in numbered(MAX_SEVERAL))
         return found
 
+    @property
+    def implied_targets(self) -> tuple[str, ...]:
+        """The targets, of which the first is meant where none is named: of several of one kind the nearest one."""
+        nearest = [each.name for each in self.nearest if not each.is_farthest]
+        return (*(nearest if len(self.tables("targets")) == 1 else ()), *self.names("targets"))
+
     def expanded(self, names: Iterable[str]) -> tuple[str, ...]:
         """Return names of targets, with its members in place of each group."""
         groups = self.groups
@@ -219,8 +225,7 @@ class Draft(ConfiguredParts, kw_only=True):
         if group is None:
             return did_you_mean_or_list(name, self.target_names)
         members = " to ".join(dict.fromkeys((self.groups[group][0], self.groups[group][-1])))
-        several = f'; targets = ["{group}"] makes one alarm for each' if name == group else ""
-        return f"'{group}' stands for {members}: name one, or {group}-nearest or {group}-farthest{several}"
+        return f"'{group}' stands for {members}: name one, or {group}-nearest or {group}-farthest"
 
     def tables(self, section: str) -> dict[str, Mapping[str, Any]]:
         """Return the tables of a section such as ``rules`` by name, as they were written; only what is a table."""
@@ -253,6 +258,20 @@ class Draft(ConfiguredParts, kw_only=True):
     def camera(self) -> DriverChoice | None:
         """The camera, if its driver could be read."""
         return self.drivers.get(("camera",))
+
+
+def _of_nearest(value: Any, groups: Container[str]) -> Any:
+    """Return a table in which a target that is a group of several is the nearest of them, which stands for any."""
+    if isinstance(value, list):
+        return [_of_nearest(each, groups) for each in value]
+    if not isinstance(value, Mapping):
+        return value
+    return {
+        key: f"{each}-nearest"
+        if key == "target" and isinstance(each, str) and each in groups
+        else _of_nearest(each, groups)
+        for key, each in value.items()
+    }
 
 
 def output_path(name: str) -> KeyPath:
@@ -378,19 +397,20 @@ class _Reader:
                 self.draft.landmarks, self.draft.drivers["landmarks",] = found
 
     def _rules(self) -> None:
+        groups = self.draft.groups
         for name, table in self._named("figures"):
-            figure = self._validated(FigureTable, ("figures", name), table)
+            figure = self._validated(FigureTable, ("figures", name), _of_nearest(table, groups))
             if figure is not None:
                 self.draft.figures[name] = figure
         for name, table in self._named("rules"):
-            rule = self._validated(RuleTable, ("rules", name), table)
+            rule = self._validated(RuleTable, ("rules", name), _of_nearest(table, groups))
             if rule is not None and rule.targets is not None:
                 rule = rule.model_copy(update={"targets": [*self.draft.expanded(rule.targets)]})
             if rule is not None:
                 self.draft.rules[name] = rule
         draft = self.draft
         several = SeveralNames(draft.groups, draft.measured_names, draft.figures)
-        draft.compiled = compile_rules(draft.rules, draft.tables("rules"), draft.names("targets"), several)
+        draft.compiled = compile_rules(draft.rules, draft.tables("rules"), draft.implied_targets, several)
 
     def _validated(self, model: type[ModelT], at: KeyPath, table: Mapping[str, Any]) -> ModelT | None:
         return validate(model, table, at, self.context, self.draft.findings)

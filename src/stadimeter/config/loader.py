@@ -175,7 +175,7 @@ def _plan(draft: Draft) -> Plan:
         safety=draft.safety.to_plan(),
         sensor_pairs=tuple(table.to_plan(name) for name, table in draft.sensor_tables.items() if table.confirms),
         viewpoint=draft.camera_table.to_plan(draft.camera_model),
-        figures=tuple(table.to_plan(name, draft.names("targets")) for name, table in draft.figures.items()),
+        figures=tuple(table.to_plan(name, draft.implied_targets) for name, table in draft.figures.items()),
     )
 
 

@@ -150,7 +150,8 @@ class TargetTable(Section):
     """The keys that every target has, whatever its detector.
 
     Several of one kind have one table: with `count`, or `ids` of tags, `[targets.balls]` means `balls-1`, `balls-2` and
-    so on, each a target of its own. `balls-nearest` and `balls-farthest` are targets as well.
+    so on, each a target of its own. `balls-nearest` and `balls-farthest` are targets as well. A rule on `balls` is
+    on any of them: the nearest counts.
     """
 
     on_floor: OnFloorText = False

@@ -40,7 +40,7 @@ from stadimeter.core.detection import Detection, Points, TargetShape
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.words import metres
 from stadimeter.errors import CalibrationError
-from stadimeter.ranging.flat import SheetShape, TagShape
+from stadimeter.ranging.flat import SheetShape, TagShape, UprightShape
 from stadimeter.ranging.plane_pose import COORDINATES, PlanePose, RectanglePose, plane_poses, rectangle, refine
 
 Ray = tuple[float, float]  # x and y per unit of depth, the lens's distortion undone
@@ -48,6 +48,9 @@ Ray = tuple[float, float]  # x and y per unit of depth, the lens's distortion un
 # Size and floor that are further apart than this many standard deviations of their difference contradict each other.
 # By chance that is one frame in 370.
 DISAGREEMENT_SIGMAS = 3.0
+
+# Boxes by a network end above the soles by this share of their height: people on a road came out 7.5 % too far by them.
+CUT_FEET_SHARE = 0.07
 
 # Standard deviation of how far what stands leans forwards or back.
 LEAN_RAD = math.radians(3)
@@ -124,6 +127,9 @@ def stand(by_size: Measurement, found: Detection, shape: TargetShape, camera: Ca
     sight = _sight(by_size, found, shape, camera, footing)
     nearer = sight.nearness() * distance_m  # how many times nearer it is by the floor
     causes = [*_causes(sight, by_size, found, camera, footing)]
+    if isinstance(shape, UprightShape):
+        lower = sight.moved(0.0, 0.0, CUT_FEET_SHARE * found.height_px / camera.fy_px)
+        causes.append(_Cause((lower.nearness() - sight.nearness()) * distance_m, 0.0))
     of_floor = sum(each.of_floor**2 for each in causes)
     of_size, common = (sigma_m / distance_m) ** 2, sum(each.of_floor * each.of_size for each in causes)
     apart = abs(nearer - 1) / math.sqrt(max(of_floor + of_size - 2 * common, 1e-18))
