@@ -199,7 +199,7 @@ class _Slot:
 
     @property
     def last_seen(self) -> Detection | None:
-        """How it was seen last."""
+        """The last sight of it."""
         return self._seen[0] if self._seen else None
 
     def take(self, found: Detection, at_s: float) -> None:

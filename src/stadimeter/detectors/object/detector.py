@@ -121,7 +121,7 @@ class Thing(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def score(self) -> float:
-        """How sure the network was."""
+        """The score that the network gave it, 0 to 1."""
         return float(min(max(self.boxes.scores[0], 0.0), 1.0))
 
     @property
@@ -187,7 +187,7 @@ class ObjectDetector:
     """Finds one thing of a class by a network."""
 
     most = 1
-    """How many things are followed between the looks of the network."""
+    """Things that are followed between the looks of the network, at most."""
 
     def __init__(self, name: str, search: ObjectSearch) -> None:
         self._name = name
