@@ -59,7 +59,7 @@ SAME_OVERLAP = 0.3
 WITHIN_SHARE = 0.7
 
 # A thing is worth a closer look where its pixels leave more than this share of the error that no pixels mend.
-CLOSER_SHARE = 0.5
+CLOSER_SHARE = 0.75
 
 # In a picture from a file, the closer looks at things that were found.
 MAX_CLOSER = 16
@@ -157,7 +157,7 @@ class Scene(Struct, frozen=True, kw_only=True, eq=False):
         looked_at_s: When the picture was captured in which the network looked last.
         looks: How often it has looked since a picture that followed on none.
         things: Those that it found, where they are now.
-        unlikely: Boxes of low scores, and such as are too small, of the last look.
+        doubtful: Boxes of low scores, and such as are too small, of the last look, the likeliest first.
         rejected: What was reported of others at the last look.
         lost: What could not be followed, where it was last: the network looks there in the next picture.
         why_none: Why nothing is known, where that is no finding of the network.
@@ -166,8 +166,8 @@ class Scene(Struct, frozen=True, kw_only=True, eq=False):
     frame: Frame
     looked_at_s: float
     looks: int
-    things: tuple[Thing, ...]
-    unlikely: Boxes
+    things: tuple[Thing, ...] = ()
+    doubtful: tuple[Thing, ...] = ()
     rejected: tuple[RejectedCandidate, ...] = ()
     lost: tuple[Thing, ...] = ()
     why_none: str = ""
@@ -225,7 +225,7 @@ class ObjectDetector:
             return replace(self._report(scene.things[0], frame), rejected=scene.rejected)
         chosen, remark = self._choose(scene.things, prediction, before, frame)
         one, others = scene.things[chosen], (*scene.things[:chosen], *scene.things[chosen + 1 :])
-        rejected = self._rejected(others, scene.unlikely)
+        rejected = self._rejected(others, scene.doubtful)
         self._scene = replace(scene, things=(one, *others), rejected=rejected)
         return replace(self._report(one, frame, remark), rejected=rejected)
 
@@ -249,8 +249,7 @@ class ObjectDetector:
         return self._scene
 
     def _look(self, frame: Frame, scene: Scene | None, prediction: Prediction | None) -> Scene:
-        none = Boxes(np.empty((0, 4)), np.empty(0))
-        seen = Scene(frame=frame, looked_at_s=frame.captured_at_s, looks=1, things=(), unlikely=none)
+        seen = Scene(frame=frame, looked_at_s=frame.captured_at_s, looks=1)
         if scene is not None:
             things, lost, _ = self._followed(frame, scene, prediction)
             seen = replace(seen, things=things, lost=(*scene.lost, *lost), looks=scene.looks + 1)
@@ -263,19 +262,21 @@ class ObjectDetector:
         loaded = self._loaded = self._loaded or load()
         size = InputSize(*loaded.network.input_px(frame.image))
         if scene is not None:
-            return self._look_at(loaded, seen, self._part(seen, size))
+            return self._look_at(loaded, seen, self._part(seen, scene.doubtful, size))
         seen = self._look_at(loaded, seen, Region.whole(frame.image))
         for part in tiles(frame.image, size) if frame.source and len(seen.things) < self.most else ():
             seen = self._look_at(loaded, seen, part)
-        for thing in seen.things[: MAX_CLOSER if frame.source else 1]:
+        doubtful = seen.doubtful if len(seen.things) < self.most else ()
+        for thing in (*seen.things, *doubtful)[: MAX_CLOSER if frame.source else 1]:
             if self._is_small(thing, frame, size):
                 seen = self._look_at(loaded, seen, part_around(np.array(thing.corners), frame.image, size))
         return seen
 
-    def _part(self, seen: Scene, size: InputSize) -> Region:
-        """Return where to look: everywhere; or closer, at what was lost, at what is small, or for what is not found."""
+    def _part(self, seen: Scene, doubtful: tuple[Thing, ...], size: InputSize) -> Region:
+        """Return where to look: everywhere, or closer at what was lost, small, doubtful, or not found yet."""
         frame, is_odd = seen.frame, seen.looks % 2 == 0
-        sought = seen.lost or (seen.things if is_odd else ())
+        sought = seen.things if len(seen.things) >= self.most else (*seen.things, *doubtful)
+        sought = seen.lost or (sought if is_odd else ())
         small = (each for each in sought if self._is_small(each, frame, size))
         parts = tuple(part_around(np.array(each.corners), frame.image, size) for each in small)
         if is_odd and not seen.lost and not parts and len(seen.things) < self.most:
@@ -311,28 +312,31 @@ class ObjectDetector:
         Of two boxes of one thing the more exact one stays. A thing is gone if the network looked where it is, as
         closely as when it saw it, and does not see it.
         """
-        short_px = (found.corners[:, 2:] - found.corners[:, :2]).min(axis=1, initial=math.inf)
-        is_likely = (found.scores >= self._search.min_score) & (short_px >= MIN_SIDE_PX)
-        likely, unlikely = (found.take(np.flatnonzero(which)) for which in (is_likely, ~is_likely))
-        known, things = list(scene.things), []
-        for index in range(len(likely.scores)):
-            thing = self._first(likely.take(np.array([index])), scene.frame)
-            corners = np.array([each.corners for each in known]).reshape(-1, 4)
-            common = overlaps(np.array(thing.corners), corners)
-            if known and common.max() >= SAME_OVERLAP:
-                same = known.pop(int(common.argmax()))
+        known, things, doubtful = list(scene.things), [], list(scene.doubtful)
+        for index in range(len(found.scores)):
+            box = found.take(np.array([index]))
+            short_px = float((box.corners[0, 2:] - box.corners[0, :2]).min())
+            is_likely = box.scores[0] >= self._search.min_score and short_px >= MIN_SIDE_PX
+            thing = self._first(box, scene.frame, is_likely=bool(is_likely))
+            same = next(iter(sorted(known, key=lambda each: -_overlap(each, thing))), None)
+            if not is_likely:
+                doubtful.append(thing)
+            elif same is not None and _overlap(same, thing) >= SAME_OVERLAP:
+                known.remove(same)
                 at_s = scene.frame.captured_at_s
                 things.append(min(thing, same, key=lambda each: self._noise_share(each, at_s)))
             elif part == Region.whole(scene.frame.image) or not _is_within(thing, known):
                 things.append(thing)
-        things += [each for each in known if not _should_show(part, each, likely.scale, scene.frame)]
+        things += [each for each in known if not _should_show(part, each, found.scale, scene.frame)]
         things.sort(key=lambda each: -each.length_px(self._shape.known))
-        return replace(scene, things=tuple(things), unlikely=unlikely, lost=())
+        left = [each for each in doubtful if not any(_overlap(each, thing) >= SAME_OVERLAP for thing in things)]
+        left.sort(key=lambda each: -each.score)
+        return replace(scene, things=tuple(things), doubtful=tuple(left), lost=())
 
-    def _first(self, box: Boxes, frame: Frame) -> Thing:
-        """Return a box where the network sees it."""
+    def _first(self, box: Boxes, frame: Frame, *, is_likely: bool) -> Thing:
+        """Return a box where the network sees it; what is not likely is not followed."""
         x, y = ((box.corners[0, :2] + box.corners[0, 2:]) / 2).tolist()
-        pattern = take_pattern(frame.image, box.corners[0])
+        pattern = take_pattern(frame.image, box.corners[0]) if is_likely else ""
         return Thing(boxes=box, place=BoxPlace((x, y)), seen_at_s=frame.captured_at_s, pattern=pattern)
 
     def _followed(
@@ -440,14 +444,14 @@ class ObjectDetector:
         sides = {"height": down, "width": across, "eye_distance": {**across, **down}}[self._shape.known]
         return " and ".join(name for name, is_cut in sides.items() if is_cut)
 
-    def _rejected(self, others: tuple[Thing, ...], unlikely: Boxes) -> tuple[RejectedCandidate, ...]:
+    def _rejected(self, others: tuple[Thing, ...], doubtful: tuple[Thing, ...]) -> tuple[RejectedCandidate, ...]:
         found = [(each.corners, f"is another {self._what}, score {each.score:.2f}") for each in others]
-        for corners, score in zip(unlikely.corners.tolist(), unlikely.scores.tolist(), strict=True):
-            why = f"scores {score:.2f}, limit {self._search.min_score:g}"
-            if score >= self._search.min_score:
-                short_px = min(corners[2] - corners[0], corners[3] - corners[1])
-                why = f"has a side of {short_px:.1f} px, limit {MIN_SIDE_PX:g} px"
-            found.append((tuple(corners), why))
+        for each in doubtful:
+            why = f"scores {each.score:.2f}, limit {self._search.min_score:g}"
+            if each.score >= self._search.min_score:
+                left, top, right, bottom = each.corners
+                why = f"has a side of {min(right - left, bottom - top):.1f} px, limit {MIN_SIDE_PX:g} px"
+            found.append((each.corners, why))
         return tuple(
             RejectedCandidate(
                 centre_px=((left + right) / 2, (top + bottom) / 2),
@@ -460,7 +464,7 @@ class ObjectDetector:
 
     def _nothing(self, scene: Scene) -> Detection:
         """Report that there is none."""
-        rejected = self._rejected((), scene.unlikely)
+        rejected = self._rejected((), scene.doubtful)
         best = f": the likeliest box {rejected[0].reason}" if rejected else ""
         since = f", when the network last looked, {scene.age_s:.2f} s before" if scene.age_s > 0 else ""
         reason = scene.why_none or f"no {self._what}{best}{since}"
@@ -501,6 +505,10 @@ class SeveralObjects(ObjectDetector):
             reason = f"no {self._what} is where one was expected"
             return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason)
         return self._report(thing, frame)
+
+
+def _overlap(one: Thing, other: Thing) -> float:
+    return float(overlaps(np.array(one.corners), np.array([other.corners]))[0])
 
 
 def _is_within(thing: Thing, others: list[Thing]) -> bool:

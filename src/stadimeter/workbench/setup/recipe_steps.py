@@ -76,7 +76,7 @@ class RecipeStep(SetupStep):
         if file and any(each.lens for each in chosen):
             raise ConfigError(f"write medium and port_m into {file} for that, if it was calibrated in air")
         if any(each.needs_several for each in chosen) and len(members_of(known.answers)) == 1:
-            raise ConfigError("crowd is for several of one kind; go back to the target, and choose balls, tags or people")
+            raise ConfigError("crowd is for several of one kind; go back to the target: choose balls, tags or people")
         return Accepted(answer=" ".join(names))
 
 
