@@ -111,6 +111,7 @@ class Thing(Struct, frozen=True, kw_only=True, eq=False):
         seen_at_s: When that picture was captured.
         pattern: What it is followed by; the reason if it cannot be.
         growth_sigma: Standard deviation of its growth since then, as a share.
+        is_missed: Whether the network's last look at where it is did not see it; after two such looks it is gone.
     """
 
     boxes: Boxes
@@ -118,6 +119,7 @@ class Thing(Struct, frozen=True, kw_only=True, eq=False):
     seen_at_s: float
     pattern: BoxPattern | str
     growth_sigma: float = 0.0
+    is_missed: bool = False
 
     @property
     def score(self) -> float:
@@ -310,7 +312,7 @@ class ObjectDetector:
         """Join what the network finds in a part of the picture with what is there already.
 
         Of two boxes of one thing the more exact one stays. A thing is gone if the network looked where it is, as
-        closely as when it saw it, and does not see it.
+        closely as when it saw it, and does not see it, twice in a row: they miss some people now and then.
         """
         known, things, doubtful = list(scene.things), [], list(scene.doubtful)
         for index in range(len(found.scores)):
@@ -324,10 +326,13 @@ class ObjectDetector:
             elif same is not None and _overlap(same, thing) >= SAME_OVERLAP:
                 known.remove(same)
                 at_s = scene.frame.captured_at_s
-                things.append(min(thing, same, key=lambda each: self._noise_share(each, at_s)))
+                best = min(thing, same, key=lambda each: self._noise_share(each, at_s))
+                things.append(replace(best, is_missed=False))
             elif part == Region.whole(scene.frame.image) or not _is_within(thing, known):
                 things.append(thing)
-        things += [each for each in known if not _should_show(part, each, found.scale, scene.frame)]
+        missed = [each for each in known if _should_show(part, each, found.scale, scene.frame)]
+        things += [each for each in known if each not in missed]
+        things += [replace(each, is_missed=True) for each in missed if not each.is_missed]
         things.sort(key=lambda each: -each.length_px(self._shape.known))
         left = [each for each in doubtful if not any(_overlap(each, thing) >= SAME_OVERLAP for thing in things)]
         left.sort(key=lambda each: -each.score)
@@ -523,16 +528,17 @@ def _is_within(thing: Thing, others: list[Thing]) -> bool:
 
 
 def _should_show(part: Region, thing: Thing, scale: float, frame: Frame) -> bool:
-    """Check whether a thing would be seen in a part of the picture at this scale, if it was there."""
-    if scale < AS_CLOSE * thing.boxes.scale:
+    """Check whether a thing that was seen before would be seen in a part of the picture at this scale, if it was there.
+
+    What another look at the same picture saw is there. Near the border of a part a network may miss what is there.
+    """
+    if thing.seen_at_s == frame.captured_at_s or scale < AS_CLOSE * thing.boxes.scale:
         return False
-    left, top, right, bottom = thing.corners
-    return (
-        part.left <= max(left, 0)
-        and part.top <= max(top, 0)
-        and min(right, frame.width_px) <= part.right
-        and min(bottom, frame.height_px) <= part.bottom
-    )
+    if part == Region.whole(frame.image):
+        return True
+    (x, y), half = thing.place.centre_px, (part.right - part.left) / 4
+    is_central = abs(x - (part.left + part.right) / 2) <= half and abs(y - (part.top + part.bottom) / 2) <= half
+    return is_central and not cut_by(part, np.array([thing.corners]), frame.image, scale)[0]
 
 
 def _starts(thing: Thing, prediction: Prediction | None) -> list[BoxPlace]:
