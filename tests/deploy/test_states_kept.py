@@ -57,8 +57,8 @@ STAND_INS = (
     "serial",
     "gpiozero",
     "paho/mqtt/client",
-    "apprise",
     "mcap",
+    "zstandard",
 )
 
 RUN, PAGE = "stadimeter.service", "stadimeter-web.service"
