@@ -21,7 +21,7 @@ WORKERS := $(shell expr 2 \* $(CORES))
 SPREAD = -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 UNIT := tests/core tests/config tests/ranging
 
-.PHONY: help demo quick test golden prove test-long test-sample test-opencv-4.10 nightly mutants check check-javascript gate bench bench-stopping pictures reference wheel deb docs format format-javascript clean
+.PHONY: help demo quick test golden prove test-long test-sample test-opencv-4.10 nightly mutants check check-javascript gate bench bench-stopping pictures reference wheel deb lock docs format format-javascript clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -102,7 +102,11 @@ wheel: $(VENV)/.pip ## build the wheel into dist/, for `pip install dist/stadime
 	@echo "Built: $$(ls -t dist/stadimeter-*.whl | head -n 1)"
 
 deb: $(VENV)/.pip ## make the Debian package; ARGS="--release bookworm --arch arm64" for another machine
-	$(BIN)/python deploy/make_deb.py $(ARGS)
+	SOURCE_DATE_EPOCH=$${SOURCE_DATE_EPOCH:-$$(git log -1 --format=%ct || date +%s)} PYTHONUTF8=1 $(BIN)/python deploy/make_deb.py $(ARGS)
+
+lock: $(VENV)/.pip ## choose the libraries of the Debian package anew, from the ranges of pyproject.toml: deploy/debian/*.lock
+	$(BIN)/python -m pip install --quiet uv
+	PYTHONPATH=deploy $(BIN)/python -c 'import make_deb; make_deb.lock()'
 
 docs: $(VENV)/.docs ## build the documentation as a site into site/, and check its links and its search
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --clean
@@ -127,7 +131,7 @@ $(VENV)/.app: $(VENV)/.python pyproject.toml
 	@touch $@
 
 $(VENV)/.pip: $(VENV)/.app
-	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
+	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.3'
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.pip
@@ -157,6 +161,6 @@ $(VENV)/.docs: $(VENV)/.dev pyproject.toml
 
 $(OLD_VENV)/.dev: pyproject.toml
 	$(PYTHON) -m venv $(OLD_VENV)
-	$(OLD_VENV)/bin/python -m pip install --quiet --upgrade 'pip>=25.1'
+	$(OLD_VENV)/bin/python -m pip install --quiet --upgrade 'pip>=25.3'
 	$(OLD_VENV)/bin/python -m pip install --quiet --editable . --group dev 'opencv-python-headless==4.10.*'
 	@touch $@

@@ -2,6 +2,7 @@
 
 It needs pip, dpkg-deb and a network, no root and no machine of the release: pip gathers wheels that are built for it.
 The package has an environment of its own, in a folder named after its version; docs/decisions/package.md says why.
+Which libraries it has is in a lock for each release, `debian/*.lock`, which ``make lock`` writes.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 
 import package_docs
@@ -26,13 +28,16 @@ from stadimeter.config.extras import OLDEST_PICAMERA2
 
 DEPLOY = Path(__file__).resolve().parent
 CHECKOUT = DEPLOY.parent
+PYPROJECT = tomllib.loads((CHECKOUT / "pyproject.toml").read_text())
 HOME = "opt/stadimeter"
-EXTRAS = "metrics,notify,record,sun,web"
+EXTRAS = ("metrics", "record", "sun", "web")
+NOT_PACKED = ("lz4", "setuptools", "zstandard")
+"""What libraries ask for and we do not use, or have from Debian."""
 WHEELS_FOR = {"amd64": "x86_64", "arm64": "aarch64"}
 """How wheels name an architecture of Debian."""
 
-BYTE_CODE_SHARE = 0.9
-"""Of the size of Python's sources; it is compiled on installation."""
+BYTE_CODE_SHARE = 1.5
+"""Of the size of Python's sources, in whole blocks; it is compiled on installation."""
 
 MARGIN_KB = 20_000
 LAUNCHER = f"""\
@@ -58,6 +63,10 @@ DRIVES_PINS = "raspi-utils | gpiod"
 """Where there is raspi-utils, on Raspberry Pi OS, it is installed for its pinctrl: Debian has the other one only, which
 shows who holds a pin. Pins are switched off without either, too: see `stadimeter.watchdog.gpio`."""
 
+LIBRARIES = "python3-zstandard, liblapack3 | liblapack.so.3, libblas3 | libblas.so.3"
+"""What is a tenth of the size in Debian: its zstandard has no debug symbols, its LAPACK serves OpenCV. Where there is a
+picamera2, LAPACK is there."""
+
 LINKS = {
     f"{HOME}/bin/stadimeter": "current/bin/stadimeter",
     "usr/bin/stadimeter": "current/bin/stadimeter",
@@ -67,13 +76,20 @@ LINKS = {
 
 NEVER_USED = (
     "bin",
-    "setuptools*",  # wanted by colorzero, for its installation
-    "_distutils_hack",
-    "distutils-precedence.pth",
+    "*.dist-info/RECORD",  # as in Debian's packages: files are dpkg's
+    "*.dist-info/direct_url.json",  # names a temporary folder
     "cv2/data/*.xml",  # trained classifiers
+    "opencv_python_headless.libs/libgfortran*",  # for the OpenBLAS of the wheel
+    "opencv_python_headless.libs/libquadmath*",
+    "pydantic/v1",
+    "pygments/lexers/[!_s]*.py",  # for languages; rich needs special.py
+    "pygments/lexers/s[!p]*.py",
+    "pygments/lexers/_[!_m]*.py",
     "numpy/distutils",
     "numpy/f2py",
-    "zstandard/_cffi*.so",  # for Pythons other than CPython
+    "numpy/*core/include",
+    "numpy/**/*.a",
+    "numpy/**/_simd.*.so",  # for its tests
     "**/tests",
     "**/__pycache__",
     "**/*.pyi",
@@ -134,20 +150,35 @@ class Target(Struct, frozen=True, kw_only=True):
         return f"{HOME}/{self.version}"
 
 
+def lock() -> None:
+    """Choose the libraries of each release anew, and what builds the wheel, from the ranges of pyproject.toml."""
+    for release in RELEASES.values():
+        options = [f"--extra={extra}" for extra in EXTRAS] + [f"--no-emit-package={each}" for each in NOT_PACKED]
+        _compile(release.suffix, release.libraries, "pyproject.toml", f"--python-version={release.python}", *options)
+    _compile("build", PYPROJECT["build-system"]["requires"], f"--python-version={RELEASES['bookworm'].python}")
+
+
+def _compile(name: str, ranges: Sequence[str], *arguments: str) -> None:
+    """Write a lock by uv, which takes the markers of the target; pip takes those of the Python that it runs with."""
+    command = [sys.executable, "-m", "uv", "pip", "compile", "-", *arguments, f"--output-file={_lock(name)}", "--quiet"]
+    command += ["--upgrade", "--generate-hashes", "--no-annotate", "--custom-compile-command=make lock"]
+    # The oldest glibc of a release. The lock has the hashes of the other architectures, too.
+    command += ["--only-binary=:all:", "--python-platform=aarch64-manylinux_2_36"]
+    subprocess.run(command, input="\n".join(ranges), text=True, cwd=CHECKOUT, check=True)  # noqa: S603
+
+
+def _lock(name: str) -> Path:
+    return DEPLOY / f"debian/{name}.lock"
+
+
 def gather(target: Target, folder: Path) -> None:
     """Put the program and its libraries into a folder, as they are wanted on the target."""
+    into = ("--no-deps", "--no-compile", "--target", folder)
+    libraries = _lock(target.release.suffix)
+    _pip("install", *into, *_platform(target), "--require-hashes", "--requirement", libraries)
     with tempfile.TemporaryDirectory() as built:
-        _pip("wheel", "--no-deps", "--wheel-dir", built, CHECKOUT)
-        (wheel,) = Path(built).glob("*.whl")
-        _pip(
-            "install",
-            "--no-compile",
-            "--target",
-            folder,
-            *_platform(target),
-            f"{wheel}[{EXTRAS}]",
-            *target.release.libraries,
-        )
+        _pip("wheel", "--no-deps", "--build-constraint", _lock("build"), "--wheel-dir", built, CHECKOUT)
+        _pip("install", *into, *Path(built).glob("*.whl"))
     for pattern in NEVER_USED:
         for path in tuple(folder.glob(pattern)):
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
@@ -182,15 +213,18 @@ def pack(target: Target, libraries: Path, output: Path, *, compression: str = "z
         root.mkdir(mode=0o755)
         _lay_out(target, libraries, root)
         _describe(target, root)
-        command = ["dpkg-deb", "--root-owner-group", f"-Z{compression}", "--build", str(root), str(package)]
+        # One thread: more make another file.
+        command = ["dpkg-deb", "--root-owner-group", "--threads-max=1", f"-Z{compression}", "--build", root, package]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)  # noqa: S603
     return package
 
 
 def _lay_out(target: Target, libraries: Path, root: Path) -> None:
     environment = root / target.environment
-    shutil.copytree(libraries, environment / "lib" / target.python / "site-packages", copy_function=_link)
-    (environment / "lib" / target.python / "site-packages" / "drivers.pth").write_text(f"/{HOME}/drivers\n")
+    packages = environment / "lib" / target.python / "site-packages"
+    shutil.copytree(libraries, packages, copy_function=_link)
+    _take_lapack_of_debian(packages, WHEELS_FOR[target.architecture])
+    (packages / "drivers.pth").write_text(f"/{HOME}/drivers\n")
     (environment / "version").write_text(f"{target.version}\n")
     # The system's packages are seen behind ours: libcamera and picamera2 come with the system only.
     (environment / "pyvenv.cfg").write_text(
@@ -223,6 +257,13 @@ def _lay_out(target: Target, libraries: Path, root: Path) -> None:
         _write(root / place, package_docs.completion(shell))
 
 
+def _take_lapack_of_debian(packages: Path, machine: str) -> None:
+    """Link the OpenBLAS of OpenCV's wheel, 38 MB on amd64, to the library that has the same functions in Debian."""
+    for library in tuple(packages.glob("opencv_python_headless.libs/libopenblas*")):
+        library.unlink()
+        _point(library, f"/usr/lib/{machine}-linux-gnu/liblapack.so.3")
+
+
 def _document(target: Target, share: Path) -> None:
     folder = share / "doc/stadimeter"
     for page in (CHECKOUT / "docs").rglob("*.md"):
@@ -241,15 +282,15 @@ def _document(target: Target, share: Path) -> None:
 
 
 def _describe(target: Target, root: Path) -> None:
-    installed_kb = _size_kb(root)
     sources_kb = sum(path.stat().st_size for path in root.rglob("*.py")) // 1024
+    installed_kb = _size_kb(root) + round(BYTE_CODE_SHARE * sources_kb)
     values = {
         "VERSION": target.version,
         "ARCHITECTURE": target.architecture,
         "INSTALLED_KB": installed_kb,
-        "NEEDED_KB": installed_kb + round(BYTE_CODE_SHARE * sources_kb) + MARGIN_KB,
+        "NEEDED_KB": installed_kb + MARGIN_KB,
         "PYTHON": target.python,
-        "DEPENDS": f"{target.python}, libc6 (>= 2.{target.release.glibc}), passwd, {DRIVES_PINS}",
+        "DEPENDS": f"{target.python}, libc6 (>= 2.{target.release.glibc}), {LIBRARIES}, passwd, {DRIVES_PINS}",
         "PICAMERA2": OLDEST_PICAMERA2,
         "RECOMMENDS": target.release.recommends,
         "STATE_FORMAT": FORMAT,
@@ -303,8 +344,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--release", choices=RELEASES, default=this_release())
     parser.add_argument("--arch", choices=WHEELS_FOR, default=this_architecture())
-    project = tomllib.loads((CHECKOUT / "pyproject.toml").read_text())["project"]
-    parser.add_argument("--version", default=project["version"], help="of the program, as Debian shall compare it")
+    parser.add_argument("--version", default=PYPROJECT["project"]["version"], help="as Debian shall compare it")
     parser.add_argument("--output", type=Path, default=CHECKOUT / "dist", help="folder for the package")
     given = parser.parse_args()
     os.umask(0o022)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -22,8 +23,8 @@ LIBRARIES = (
     "serial",
     "gpiozero",
     "paho.mqtt.client",
-    "apprise",
     "mcap",
+    "zstandard",
 )
 OF_THE_SYSTEM = ("lgpio", "libcamera", "picamera2")
 """What may be there, and is built by others: the numpy that it was built for need not be ours."""
@@ -94,14 +95,22 @@ def check(current: Path, configuration: Path) -> None:
     """Check the configuration as a run would load it, if it can be used now."""
     if not configuration.exists():
         return
-    words = ("-s", "-m", "stadimeter", "check", configuration, "--elsewhere")
-    ours = run(sys.executable, *words)
+    words = ("-s", "-m", "stadimeter", "check", configuration)
+    ours = run(sys.executable, *words, "--elsewhere")
+    theirs = current / "bin/python3"
+    if theirs.exists() and (lacking := _lacking(run(sys.executable, *words)) - _lacking(run(theirs, *words))):
+        raise FailedError(f"{configuration} needs what the version that runs has:\n{'; '.join(sorted(lacking))}")
     if ours.returncode == 0:
         return
     sentence = (ours.stderr or ours.stdout).strip()
-    if (current / "bin/python3").exists() and run(current / "bin/python3", *words).returncode == 0:
+    if theirs.exists() and run(theirs, *words, "--elsewhere").returncode == 0:
         raise FailedError(f"it cannot use {configuration}, and the version that runs can:\n{sentence}")
     warn(f"the configuration cannot be used:\n{sentence}")
+
+
+def _lacking(checked: subprocess.CompletedProcess[str]) -> set[str]:
+    """Return what a check says of libraries that are not installed, with the command that installs each."""
+    return set(re.findall("the library .* is not installed: .*", checked.stdout + checked.stderr))
 
 
 def main(current: str, configuration: str) -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import re
 import subprocess
+import tomllib
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
+from packaging.requirements import Requirement
 
 from stadimeter.app.places import socket_path
 from stadimeter.app.service import MAX_PAUSE_S
@@ -161,3 +163,13 @@ def test_the_module_list_names_the_drivers_of_cameras_and_of_serial_adapters(dep
     modules = [line for line in lines if line and not line.startswith("#")]
     assert {"uvcvideo", "cdc_acm", "ch341"} <= set(modules)
     assert all(re.fullmatch(r"\w+", module) for module in modules)
+
+
+@pytest.mark.parametrize("release", ["deb12", "deb13"])
+def test_the_lock_of_the_package_is_within_the_ranges_of_the_project(deploy, release):
+    project = tomllib.loads((deploy.parent / "pyproject.toml").read_text())["project"]
+    locked = dict(re.findall(r"^([\w-]+)==(\S+)", (deploy / f"debian/{release}.lock").read_text(), re.MULTILINE))
+    extras = ("metrics", "record", "sun", "web")
+    ranges = [*project["dependencies"], *(each for extra in extras for each in project["optional-dependencies"][extra])]
+    for wanted in map(Requirement, ranges):
+        assert locked[wanted.name] in wanted.specifier, f"{wanted}: run make lock"

@@ -7,7 +7,9 @@ by a stand-in. ``DEBIAN_RELEASE=trixie`` and ``DEBIAN_ARCHITECTURE=arm64`` try o
 
 from __future__ import annotations
 
+import filecmp
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -45,6 +47,13 @@ case "$*" in
     is-enabled*) echo enabled ;;
 esac
 """
+
+NOTIFIER = """
+[notifiers.phone]
+driver = "apprise"
+url = "ntfy://example.org/ball"
+"""
+NO_APPRISE = "the library apprise is not installed: run (.*)"
 
 Package = Callable[..., Path]
 Change = Callable[[Path], None]
@@ -212,12 +221,37 @@ def status(root: DebianRoot) -> str:
     return root.run("dpkg-query", "--show", "--showformat=${Status} ${Version}", "stadimeter")
 
 
+def test_it_is_the_same_byte_for_byte_wherever_and_whenever_it_is_made(deploy: Path, tmp_path: Path) -> None:
+    made = []
+    for name, umask, zone, locale in (("here", 0o022, "UTC", "C"), ("elsewhere/again", 0o077, "Asia/Tokyo", "C.UTF-8")):
+        checkout = tmp_path / name
+        shutil.copytree(deploy.parent, checkout, ignore=shutil.ignore_patterns(".*", "__pycache__", "tests", "dist"))
+        around = {"SOURCE_DATE_EPOCH": "1700000000", "TZ": zone, "LC_ALL": locale, "PYTHONPATH": f"{checkout}/src"}
+        command = [sys.executable, checkout / "deploy/make_deb.py", "--release", RELEASE]
+        subprocess.run(command, env=os.environ | around, umask=umask, cwd=checkout, check=True)
+        made += checkout.glob("dist/*.deb")
+    assert filecmp.cmp(*made, shallow=False)
+
+
 class TestInstallation:
     def test_it_is_whole_and_small_enough(self, root):
         assert status(root) == f"install ok installed {full('1.0')}"
         assert root.run("stadimeter", "--version").startswith("stadimeter ")
-        occupied_mb = sum(path.lstat().st_size for path in (root / HOME).rglob("*")) / 1e6
-        assert occupied_mb < 300
+        assert sum(path.lstat().st_size for path in (root / HOME).rglob("*")) < 200e6
+        occupied_kb = int(root.run("du", "--summarize", HOME).split()[0])
+        said_kb = int(root.run("dpkg-query", "--show", "--showformat=${Installed-Size}", "stadimeter"))
+        assert 0.97 < said_kb / occupied_kb < 1.03
+
+    def test_a_library_that_it_does_not_bring_is_installed_by_the_command_of_the_message(self, root):
+        (root / CONFIGURATION).write_text(SIMULATED.read_text() + NOTIFIER)
+        (command,) = re.findall(NO_APPRISE, root.try_to("stadimeter", "check", CONFIGURATION).stdout)
+        shutil.copy("/etc/ssl/certs/ca-certificates.crt", root / "/etc/authorities.crt")
+        (root / "/etc/pip.conf").write_text("[global]\ncert = /etc/authorities.crt\n")
+        command = command.replace("sudo ", "").replace("apt install", "apt-get install --yes --no-install-recommends")
+        if (done := root.try_to("sh", "-c", command)).returncode:
+            assert "externally-managed-environment" not in done.stderr
+            pytest.skip(f"nothing can be had from the package index here: {done.stderr[-300:]}")
+        assert not re.search(NO_APPRISE, root.run("stadimeter", "check", CONFIGURATION))
 
     def test_libraries_are_its_own_and_the_systems_are_seen_behind_them(self, root):
         for module in ("libcamera", "numpy"):
@@ -301,6 +335,15 @@ class TestUpgrade:
         assert f"it cannot use {CONFIGURATION}, and the version that runs can" in done.stderr
         assert version(root) == full("1.0")
 
+    def test_a_library_that_the_new_version_lacks_and_the_configuration_needs_keeps_the_old_version(self, root, second):
+        (packages,) = (root / HOME / "current/lib").glob("python3*/site-packages")
+        (packages / "apprise.py").touch()
+        (root / CONFIGURATION).write_text(SIMULATED.read_text() + NOTIFIER)
+        done = root.install(second)
+        assert done.returncode != 0
+        assert re.search(NO_APPRISE, done.stderr)
+        assert version(root) == full("1.0")
+
     def test_a_configuration_that_no_version_can_use_is_a_warning(self, root, second):
         (root / CONFIGURATION).write_text("[camera]\n")
         done = root.install(second)
@@ -318,7 +361,7 @@ class TestUpgrade:
         root.run("stadimeter", "--version")
 
     def test_a_full_disk_is_said_before_anything_is_touched(self, root, second):
-        with small_disk(root, "/opt", "380m"):
+        with small_disk(root, "/opt", "350m"):
             done = root.install(second)
             assert done.returncode != 0
             assert "/opt has" in done.stderr

@@ -57,8 +57,8 @@ STAND_INS = (
     "serial",
     "gpiozero",
     "paho/mqtt/client",
-    "apprise",
     "mcap",
+    "zstandard",
 )
 
 RUN, PAGE = "stadimeter.service", "stadimeter-web.service"
@@ -91,7 +91,7 @@ def package(deploy: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 
 @pytest.fixture(scope="module")
 def computer(package: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Booted]:
-    root = root_to_boot(tmp_path_factory.mktemp("booted"), "python3.11", "gpiod")
+    root = root_to_boot(tmp_path_factory.mktemp("booted"), "python3.11", "gpiod", "python3-zstandard", "liblapack3")
     for version in ("1.0", "1.1"):
         shutil.copy(package(version), root / f"root/{version}.deb")
     unpacked = tmp_path_factory.mktemp("changed")

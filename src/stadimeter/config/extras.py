@@ -47,9 +47,9 @@ PACKAGED = "/opt/stadimeter"
 PACKAGE_AGAIN = "`sudo apt install --reinstall ./stadimeter_VERSION.deb`, the package's file"
 
 # What Debian has. The package brings the libraries of the other extras itself, but for these: few need them, and some
-# are larger than all of it, or are compiled where they are installed.
+# are large, or are compiled where they are installed. The package index has them by the names of `LIBRARIES`.
 _OF_DEBIAN = {"pi": "python3-lgpio"}
-NOT_IN_PACKAGE = frozenset({"network", "ros2", "tof"})
+NOT_IN_PACKAGE = frozenset({"network", "notify", "ros2", "tof"})
 
 # Where the guides are that messages name: in a checkout, in the Debian package (a system may leave them out by
 # `path-exclude` of dpkg), or on the web.
@@ -63,8 +63,8 @@ def install_line(extra: str) -> str:
     if not sys.prefix.startswith(PACKAGED):
         return f"{shlex.quote(sys.executable)} -m pip install 'stadimeter[{extra}]'"
     if extra in NOT_IN_PACKAGE:
-        own = "~/stadimeter-env"
-        return f"python3 -m venv --system-site-packages {own} && {own}/bin/pip install 'stadimeter[{extra}]'"
+        pip = f"sudo python3 -m pip install --target {PACKAGED}/drivers"
+        return f"sudo apt install python3-pip && {pip} {LIBRARIES[extra]}"
     return f"sudo apt install {_OF_DEBIAN[extra]}" if extra in _OF_DEBIAN else PACKAGE_AGAIN.replace("`", "")
 
 
