@@ -368,7 +368,7 @@ class _Ellipse(NamedTuple):
     seen: Detection | None
 
     def gap_px(self, place_px: tuple[float, float]) -> float:
-        """Return how far outside of it a place is, with its shorter side stretched to the longer one."""
+        """Return the distance of a place from it, with its shorter side stretched to the longer one; below 0 inside."""
         across, down = (1.0, 1.0) if self.seen is None else (self.seen.width_px, self.seen.height_px)
         longer = max(across, down)
         off_x, off_y = (there - here for there, here in zip(place_px, self.centre_px, strict=True))
@@ -376,7 +376,7 @@ class _Ellipse(NamedTuple):
 
 
 def _size_px(found: Detection, shape: TargetShape) -> float:
-    """Return how large a target appears, by the length that predictions are of."""
+    """Return the apparent size of a target, by the length that predictions are of."""
     if isinstance(shape, UprightShape):
         return max(found.height_px if shape.known == "height" else found.width_px, prediction.FLOOR_PX)
     return max(found.width_px, found.height_px, prediction.FLOOR_PX)

@@ -44,7 +44,7 @@ class InputSize(NamedTuple):
     height: int
 
     def scale_of(self, width_px: int, height_px: int) -> float:
-        """Return how many pixels of the input a pixel of a part of the picture becomes."""
+        """Return the pixels of the input that a pixel of a part of the picture becomes."""
         return min(self.width / width_px, self.height / height_px)
 
 
