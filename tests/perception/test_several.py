@@ -210,7 +210,18 @@ def test_people_who_cross_keep_their_names_but_for_one_change_a_minute_and_their
     assert 0.90 < np.mean(np.abs(error) < 1.96 * sigma) < 0.99
 
 
-def test_a_person_who_walks_behind_another_one_keeps_the_name() -> None:
-    scene = Crossing(3, 12.0)
+def test_a_person_who_walks_behind_another_one_keeps_the_name_and_the_reason_names_the_other() -> None:
+    at = np.linspace(-1, 1, 40)
+    near, far = np.stack([0 * at, 0 * at + 4.5], axis=1), np.stack([1.8 * at, 0 * at + 6.0], axis=1)
+    scene = Crossing(1, 4.0, places=np.stack([near, far], axis=1))
     scene.run()
-    assert (scene.crossings > 0, scene.changes) == (True, 0)
+    assert (scene.crossings, scene.changes, len(scene.who)) == (1, 0, 2)
+    assert "hidden behind people-1" in scene.reasons
+
+
+def test_a_person_who_leaves_frees_the_name_for_another_one() -> None:
+    places = np.tile(np.array([(-1.0, 5.0), (1.0, 5.0), (0.0, -1.0)]), (120, 1, 1))
+    places[30:, 1], places[60:, 2] = (0.0, -1.0), (0.5, 6.0)
+    scene = Crossing(2, 12.0, people=3, places=places, names=2)
+    scene.run()
+    assert sorted(scene.who.values()) == [0, 2]

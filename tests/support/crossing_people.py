@@ -45,22 +45,38 @@ class Person(NamedTuple):
 class Crossing:
     """A scene of two or more people, and who is taken for whom in it.
 
+    Args:
+        places: Where each is in each frame instead of walking to and fro: x and z in metres, shape ``(frames, people,
+            2)``; behind the camera for out of sight.
+        names: How many names there are; one for each without it.
+
     Attributes:
         changes: How often a name went from one person to another.
         crossings: How often the first two changed sides.
         errors: Of each distance that was tracked, its error and its standard deviation, as shares.
     """
 
-    def __init__(self, seed: int, seconds: float, rate_hz: float = 10.0, people: int = 2) -> None:
+    def __init__(
+        self,
+        seed: int,
+        seconds: float,
+        rate_hz: float = 10.0,
+        people: int = 2,
+        *,
+        places: NDArray[np.float64] | None = None,
+        names: int | None = None,
+    ) -> None:
         self._rng = np.random.default_rng((seed, 45))
         at_s = np.arange(round(seconds * rate_hz)) / rate_hz
         self.heights_m = self._rng.normal(HEIGHT_M, SPREAD_M, people)
-        self._places = np.stack([self._course(number, at_s) for number in range(people)], axis=1)
+        courses = [self._course(number, at_s) for number in range(people)]
+        self._places = np.stack(courses, axis=1) if places is None else places
         self._at_s = at_s
-        self.names = tuple(f"people-{number}" for number in range(1, people + 1))
+        self.names = tuple(f"people-{number}" for number in range(1, (names or people) + 1))
+        self.reasons: set[str] = set()
         self.changes = self.crossings = self.seen = self.boxes = 0
         self.errors: list[tuple[float, float]] = []
-        self._who: dict[str, int] = {}
+        self.who: dict[str, int] = {}
 
     def _course(self, number: int, at_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return x and z of a person: each swings on three sines, about 1 m/s, and each farther away than the last."""
@@ -86,6 +102,7 @@ class Crossing:
             found, measured = perceiver.look(Frame(BLANK, now_s, number, boxes=self._boxes(people)), tracks)
             stamp = FrameStamp(sequence=number, captured_at_s=now_s)
             state, _ = decide(state, Observation(now_s=now_s, frame=stamp, measurements=measured))
+            self.reasons |= {each.reason for each in found}
             for each, track in ((each, state.tracks[self.names.index(each.target)].track) for each in found):
                 if track.is_valid and each.status is DetectionStatus.FOUND:
                     self._note(each, people, (track.distance_m or 0.0, track.sigma_m or 0.0))
@@ -106,6 +123,8 @@ class Crossing:
         """Return the boxes of those who are in sight, in no order; of one partly covered, of what is left to see."""
         found, nearer = [], []
         for each in sorted(people, key=lambda person: person.distance_m):
+            if each.height_px <= 0:
+                continue
             half = WIDE * each.height_px / 2
             left, right = each.x_px - half, each.x_px + half
             covered = max((min(right, high) - max(left, low) for low, high in nearer), default=0.0) / (right - left)
@@ -129,12 +148,14 @@ class Crossing:
         off = [
             math.hypot(found.centre_px[0] - each.x_px, found.centre_px[1] - each.y_px) / each.height_px
             + abs(math.log(found.height_px / each.height_px))
+            if each.height_px > 0
+            else math.inf
             for each in people
         ]
         who, *others = np.argsort(off).tolist()
         self.seen += 1
         if off[who] > 0.25 or off[others[0]] - off[who] < 0.15:
             return
-        self.changes += self._who.get(found.target, who) != who
-        self._who[found.target] = who
+        self.changes += self.who.get(found.target, who) != who
+        self.who[found.target] = who
         self.errors.append((distance[0] / people[who].distance_m - 1, distance[1] / distance[0]))
