@@ -276,14 +276,16 @@ class ObjectDetector:
 
     def _part(self, seen: Scene, doubtful: tuple[Thing, ...], size: InputSize) -> Region:
         """Return where to look: everywhere, or closer at what was lost, small, doubtful, or not found yet."""
-        frame, is_odd = seen.frame, seen.looks % 2 == 0
-        sought = seen.things if len(seen.things) >= self.most else (*seen.things, *doubtful)
-        sought = seen.lost or (sought if is_odd else ())
-        small = (each for each in sought if self._is_small(each, frame, size))
-        parts = tuple(part_around(np.array(each.corners), frame.image, size) for each in small)
+        image, is_odd = seen.frame.image, seen.looks % 2 == 0
+
+        def around(things: tuple[Thing, ...]) -> tuple[Region, ...]:
+            small = (each for each in things if self._is_small(each, seen.frame, size))
+            return tuple(part_around(np.array(each.corners), image, size) for each in small)
+
+        parts = around(seen.lost or (seen.things if is_odd else ()))
         if is_odd and not seen.lost and not parts and len(seen.things) < self.most:
-            parts = tiles(frame.image, size)
-        return parts[(seen.looks - 1) // 2 % len(parts)] if parts else Region.whole(frame.image)
+            parts = (*around(doubtful), *tiles(image, size))
+        return parts[(seen.looks - 1) // 2 % len(parts)] if parts else Region.whole(image)
 
     def _is_small(self, thing: Thing, frame: Frame, size: InputSize) -> bool:
         """Check whether a closer look is worth it: pixels are what its error comes from, and there are more."""
