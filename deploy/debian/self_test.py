@@ -1,7 +1,7 @@
 """Tries a version before it is run: ``python3 self_test.py CURRENT CONFIGURATION``, with the Python of the new version.
 
 A trouble that the version in CURRENT has as well, or that the system's own Python has, is a warning: it is no reason to
-stay with the old version. Any other fails the test, in one sentence, with exit code 1.
+stay with the old version. Any other fails the test, with exit code 1 and one sentence at the standard output.
 """
 
 from __future__ import annotations
@@ -121,7 +121,8 @@ def main(current: str, configuration: str) -> None:
         measure()
         check(Path(current), Path(configuration))
     except FailedError as trouble:
-        sys.exit(f"stadimeter: {trouble}")
+        print(*str(trouble).split())
+        sys.exit(1)
 
 
 if __name__ == "__main__":

@@ -13,11 +13,12 @@ from msgspec.structs import replace
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.clock import MonotonicClock, SteppedClock
-from stadimeter.app.live.health import Board, BoardState, LiveHealth
+from stadimeter.app.live.health import FAILED_UPGRADE, Board, BoardState, LiveHealth, live_health
 from stadimeter.app.live.history import RunHistory, Seen
 from stadimeter.app.live.pictures import SHOWN_MAX_PX, Pictures, drawn
 from stadimeter.app.live.snapshot import LiveFeed, outline_of, shared_data
 from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.messages import health_figures
 from stadimeter.app.watching import live_feed
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
@@ -205,6 +206,15 @@ def test_a_pi_says_how_warm_it_is_and_what_throttles_it(tmp_path):
     assert words["processor"] == ("84 °C, cool it", False)
     assert words["supply and heat"] == ("under-voltage, throttled", False)
     assert "supply and heat" not in words_of(LiveHealth(board=board(tmp_path).state()))
+
+
+def test_an_upgrade_that_failed_is_a_trouble_in_words_and_in_what_is_published(tmp_path):
+    words = "the upgrade to stadimeter 1.2 failed its self-test, and 1.1 stays: no numpy"
+    (tmp_path / FAILED_UPGRADE).parent.mkdir(parents=True)
+    (tmp_path / FAILED_UPGRADE).write_text(f"{words}\n")
+    health = live_health(RunHistory(), board(tmp_path), "", "the disk is full")
+    assert words_of(health)["trouble"] == (f"the disk is full; {words}", False)
+    assert health_figures(health, 0, 0)["trouble"] == f"the disk is full; {words}"
 
 
 def test_a_picture_that_is_old_a_disk_that_is_full_and_a_broker_that_is_away_are_not_good():

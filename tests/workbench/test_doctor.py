@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from stadimeter.app.live.health import FAILED_UPGRADE
 from stadimeter.workbench.doctor.checks import (
     IN_USE,
     INSTALLED,
@@ -183,6 +184,12 @@ class TestService:
     def installed(captured: Captured) -> Captured:
         captured = captured.with_files(status=STATUS.format(uid=0, groups="0"))
         return replace(captured, files={**captured.files, INSTALLED: (CONFIG / "appliance.toml").read_text()})
+
+    def test_an_upgrade_that_failed_is_found_with_its_reason(self, tmp_path: Path) -> None:
+        why = "the upgrade to stadimeter 1.2 failed its self-test, and 1.1 stays: no numpy"
+        captured = replace(PI_4, files={**PI_4.files, f"/{FAILED_UPGRADE}": f"{why}\n"})
+        found = examine(captured, tmp_path, "service")[0]
+        assert (found.severity, found.seen) == (WRONG, why)
 
     def test_without_systemd_nothing_is_known(self, tmp_path: Path) -> None:
         assert only(replace(PI_4, commands={}), tmp_path, "service").severity is UNKNOWN

@@ -28,6 +28,9 @@ HOT_C = 70.0
 THROTTLED_BITS = {0: "under-voltage", 1: "its clock is capped", 2: "throttled", 3: "slowed by heat"}
 SINCE_START = 16
 
+# The package's installation writes it if a version fails its self-test: a sentence that says which, and why.
+FAILED_UPGRADE = "opt/stadimeter/current/failed-upgrade"
+
 # The board is looked at this often: its files take up to a millisecond each, and nothing there changes faster.
 LOOK_EVERY_S = 5.0
 
@@ -59,6 +62,7 @@ class BoardState(NamedTuple):
     throttling: tuple[str, ...] = ()
     disk_free_bytes: int | None = None
     memory_bytes: int | None = None
+    failed_upgrade: str = ""
 
 
 class Board(Struct):
@@ -84,6 +88,7 @@ class Board(Struct):
                 throttling=throttled_now(self.root),
                 disk_free_bytes=_disk_free_bytes(self.folder),
                 memory_bytes=_memory_bytes(self.root),
+                failed_upgrade=_failed_upgrade(self.root),
             )
         return self._state
 
@@ -180,6 +185,7 @@ CONNECTED = "connected"
 def live_health(history: RunHistory, board: Board, broker: str, trouble: str, pace: float = 1.0) -> LiveHealth:
     """Return the health of a run now."""
     cycle_s, latency_s = _latest(history.cycle_times_s), _latest(history.data_ages_s)
+    state = board.state()
     return LiveHealth(
         frame_rate_hz=history.frame_rate_hz * (pace if pace < SLOW_PACE else 1.0),
         pace=pace,
@@ -188,9 +194,9 @@ def live_health(history: RunHistory, board: Board, broker: str, trouble: str, pa
         latency_p95_s=percentile(latency_s, 0.95),
         cycle_s=(percentile(cycle_s, 0.5), percentile(cycle_s, 0.95)),
         dropped_frames=history.dropped_frames,
-        board=board.state(),
+        board=state,
         broker=broker,
-        trouble=trouble,
+        trouble="; ".join(filter(None, (trouble, state.failed_upgrade))),
         place=None if history.seen is None else history.seen.record.observation.camera_pose,
         mounting=None if history.seen is None else history.seen.record.observation.mounting,
     )
@@ -222,6 +228,13 @@ def _memory_bytes(root: Path) -> int | None:
     except (OSError, IndexError):
         return None
     return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+
+def _failed_upgrade(root: Path) -> str:
+    try:
+        return (root / FAILED_UPGRADE).read_text("utf-8", "replace").strip()
+    except OSError:
+        return ""
 
 
 def percentile(ordered: Sequence[float], share: float) -> float | None:

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 from msgspec import Struct
 
 from stadimeter.app.clock import is_synchronised
-from stadimeter.app.live.health import throttling
+from stadimeter.app.live.health import FAILED_UPGRADE, throttling
 from stadimeter.config import extras
 from stadimeter.errors import ConfigError, Problem, StadimeterError
 from stadimeter.messaging.protocol import ReachesItsPeer
@@ -617,10 +617,13 @@ def broker(examined: Examined) -> Iterator[Diagnosis]:
 STATE = ("LoadState", "ActiveState", "SubState", "Result", "NRestarts", "UnitFileState", "StatusText")
 RESTARTS_MANY = 3
 PAGE = "stadimeter-web.service"
+ANOTHER = "when that is mended, or with another one: `sudo apt install --reinstall --allow-downgrades ./FILE.deb`"
 
 
 def service(examined: Examined) -> Iterator[Diagnosis]:
     """Tell whether the service is installed, enabled and running, and the page's if it is used."""
+    if failed_upgrade := examined.computer.text(FAILED_UPGRADE):
+        yield wrong(failed_upgrade, ANOTHER)
     state, page = (examined.computer.unit(unit, *STATE) for unit in (UNIT, PAGE))
     if not state:
         yield unknown("the service: systemctl does not answer")
