@@ -83,6 +83,13 @@ def test_each_unit_is_as_closed_as_what_serves_a_network_can_be(unit):
     assert float(found[1]) <= 1.8
 
 
+def test_without_memory_the_kernel_ends_what_the_page_computes_and_the_run_last(deploy):
+    run, page = ((deploy / unit).read_text().splitlines() for unit in UNITS)
+    assert "OOMScoreAdjust=-500" in run
+    assert not [line for line in run if line.startswith("MemoryMax")], "a limit would end the run"
+    assert {"OOMScoreAdjust=500", "OOMPolicy=continue", "MemoryMax=50%"} <= set(page)
+
+
 class TestUnitOfThePage:
     def test_it_holds_no_pin_and_no_base(self, deploy):
         lines = (deploy / "stadimeter-web.service").read_text().splitlines()
