@@ -6,6 +6,7 @@ was made before; it is written to.
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -80,7 +81,7 @@ def computer(deploy: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     unit = (deploy / "stadimeter.service").read_text()
     if home.startswith(("/root", "/home")):  # a Python that somebody built at home
         unit = unit.replace("ProtectHome=yes", "ProtectHome=no")
-    put(root, "etc/systemd/system/stadimeter.service", unit)
+    put(root, "usr/lib/systemd/system/stadimeter.service", unit)
     put(root, "etc/systemd/system/stadimeter.service.d/pins.conf", "[Service]\nEnvironment=GPIOZERO_PIN_FACTORY=mock\n")
     put(root, "usr/lib/stadimeter/safe-outputs", safe_outputs(deploy), 0o755)
     put(root, "usr/bin/pinctrl", '#!/bin/sh\necho "$*" >>/root/pins\n', 0o755)
@@ -120,6 +121,7 @@ def pins(computer: Booted) -> list[str]:
 
 def test_it_is_ready_and_says_how_it_is(running):
     assert told(running, "ActiveState") == "active"
+    assert told(running, "OOMScoreAdjust") == "-500"
     assert eventually(lambda: told(running, "StatusText").startswith("ball 2.0"))
 
 
@@ -146,3 +148,14 @@ def test_a_stop_switches_off_and_leaves_the_event_log_and_nothing_in_run(running
     assert pins(running) == OFF
     assert running.run("ls /run/stadimeter 2>/dev/null") == ""
     assert "ended: SIGTERM" in running.run("/opt/stadimeter/bin/stadimeter events --lines 1")
+
+
+def test_one_that_is_masked_while_it_runs_is_ended_as_the_doctor_says_whose_remedy_starts_it_again(running):
+    running.run("systemctl mask stadimeter")
+    assert eventually(lambda: told(running, "ActiveState") == "failed")
+    found = json.loads(running.run("/opt/stadimeter/bin/stadimeter doctor --json 2>/dev/null"))
+    (said,) = (each for each in found["checks"] if "is masked" in each["seen"])
+    assert said["seen"].startswith("the service is masked and has failed (watchdog): nothing starts it")
+    for command in re.findall("`sudo (.*?)`", said["remedy"]):
+        running.run(command)
+    assert told(running, "ActiveState") == "active"

@@ -41,9 +41,12 @@ def main():
         sys.exit(2)
     if address := os.environ.get("NOTIFY_SOCKET"):
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notify:
-            for words in (f"STATUS={VERSION}", "WATCHDOG_USEC=600000000", "READY=1"):
-                notify.sendto(words.encode(), "\\0" + address[1:] if address[0] == "@" else address)
-    signal.sigwait({signal.SIGTERM})
+            notify.connect("\\0" + address[1:] if address[0] == "@" else address)
+            notify.send(f"STATUS={VERSION}\\nREADY=1".encode())
+            while signal.sigtimedwait({signal.SIGTERM}, 0.5) is None:
+                notify.send(b"WATCHDOG=1")
+    else:
+        signal.sigwait({signal.SIGTERM})
 
 if __name__ == "__main__":
     main()
@@ -62,7 +65,7 @@ STAND_INS = (
 )
 
 RUN, PAGE = "stadimeter.service", "stadimeter-web.service"
-STATES = [(how, is_up) for how in ("enabled", "disabled", "masked") for is_up in (True, False)]
+STATES = [("enabled", True), ("disabled", True), ("enabled", False), ("disabled", False), ("masked", False)]
 State = tuple[str, bool]
 
 

@@ -152,6 +152,7 @@ class TestLibraries:
 
 class TestService:
     SHOW = f"systemctl show stadimeter.service --property={OF_UNIT}"
+    MASKED = ": nothing starts it, and one that runs is ended as if it hung, and may leave outputs on"
 
     @pytest.mark.parametrize(
         ("changed", "severity", "seen"),
@@ -164,10 +165,11 @@ class TestService:
                 WRONG,
                 "the service has failed (exit-code), 0 restarts",
             ),
+            ({"LoadState": "masked"}, WRONG, f"the service is masked{MASKED}"),
             (
-                {"LoadState": "masked"},
+                {"LoadState": "masked", "ActiveState": "failed", "Result": "watchdog"},
                 WRONG,
-                "the service is masked: nothing starts it, and nothing switches outputs off if one that runs is killed",
+                f"the service is masked and has failed (watchdog){MASKED}",
             ),
             ({"LoadState": "not-found"}, FINE, "stadimeter is not installed as a service on this computer"),
         ],

@@ -639,11 +639,14 @@ def _judge_unit(what: str, unit: str, state: dict[str, str]) -> Diagnosis:
     active, restarts = state.get("ActiveState"), int(state.get("NRestarts") or 0)
     more = f"{restarts} restarts" + (f", and says: {state['StatusText']}" if state.get("StatusText") else "")
     log = f"`sudo journalctl -eu {unit}`"
+    failed = f"has failed ({state.get('Result', 'no result')})"
+    if state.get("LoadState") == "masked":  # systemd knows none of its settings then, and refuses what it reports
+        masked = f"{what} is masked" + (f" and {failed}" if active == "failed" else "")
+        ended = ", and one that runs is ended as if it hung, and may leave outputs on" if unit == UNIT else ""
+        remedy = f"`sudo systemctl unmask {unit}`, and then `sudo systemctl start {unit}`"
+        return wrong(f"{masked}: nothing starts it{ended}", remedy)
     if active == "failed" or state.get("SubState") == "auto-restart":
-        return wrong(f"{what} has failed ({state.get('Result', 'no result')}), {more}", log)
-    if state.get("LoadState") == "masked":  # systemd knows none of its settings, what it runs after its end among them
-        seen = f"{what} is masked: nothing starts it, and nothing switches outputs off if one that runs is killed"
-        return wrong(seen, f"`sudo systemctl unmask {unit}`")
+        return wrong(f"{what} {failed}, {more}", log)
     if active != "active":
         return warning(f"{what} is {active or 'in no known state'}", f"`sudo systemctl enable --now {unit}`")
     if restarts > RESTARTS_MANY:
