@@ -12,8 +12,7 @@ from stadimeter.app import places
 from stadimeter.app.control import client
 from stadimeter.app.control.client import ask, find
 from stadimeter.app.control.socket_server import ControlSocket
-from stadimeter.app.persistence.state_writer import state_file
-from stadimeter.app.places import is_alive, make_folder, running, runtime_folder, socket_path
+from stadimeter.app.places import is_alive, make_folder, running, runtime_folder, socket_path, state_file
 from stadimeter.errors import ControlError
 
 CONFIG = Path("/etc/stadimeter/appliance.toml")

@@ -168,11 +168,31 @@ def _sockets(folder: Path) -> list[Path]:
 
 # That of the package's service.
 SERVICE_STATE = Path("/var/lib/stadimeter")
+STATE_ENDING = ".sqlite3"
 
 
 def state_directory(environ: Mapping[str, str] = os.environ) -> Path | None:
     """Return the first folder of ``$STATE_DIRECTORY``; None outside a service."""
     return _first(environ.get("STATE_DIRECTORY", ""))
+
+
+def state_file(configuration: Path, environ: Mapping[str, str] = os.environ) -> Path | None:
+    """Return the state file of a configuration, named after it; None for a user without a home.
+
+    It is in ``$STATE_DIRECTORY``, which systemd makes for a service; else in ``$XDG_STATE_HOME/stadimeter``, by default
+    ``~/.local/state/stadimeter``.
+    """
+    name = f"{configuration.stem}{STATE_ENDING}"
+    for_service = state_directory(environ)
+    if for_service is not None:
+        return for_service / name
+    of_user = environ.get("XDG_STATE_HOME")
+    if of_user:
+        return Path(of_user) / "stadimeter" / name
+    try:
+        return Path.home() / ".local" / "state" / "stadimeter" / name
+    except RuntimeError:  # no home
+        return None
 
 
 def runtime_directory(environ: Mapping[str, str] = os.environ) -> Path | None:

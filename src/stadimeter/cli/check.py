@@ -115,7 +115,7 @@ def _report_success(
 
 def _set_thresholds(configuration: Configuration) -> tuple[str, ...]:
     """Return in words what operators have set that the next run goes by, as the usual state file has it."""
-    from stadimeter.app.persistence.state_writer import state_file  # noqa: PLC0415 - not for other commands
+    from stadimeter.app.places import state_file  # noqa: PLC0415 - not for other commands
 
     file = state_file(configuration.path)
     if file is None or not is_file(file):

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from stadimeter.app.control.requests import Take
 from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.app.persistence.resumption import clock_name, moment
-from stadimeter.app.persistence.state_writer import StateWriter, state_file
-from stadimeter.app.places import make_folder, runtime_folder, socket_path
+from stadimeter.app.persistence.state_writer import StateWriter
+from stadimeter.app.places import make_folder, runtime_folder, socket_path, state_file
 from stadimeter.app.watching import Subscriptions, attend_to_requests, introduction, live_feed
 from stadimeter.errors import ControlError
 from stadimeter.messaging.protocol import TakesRequests

@@ -13,16 +13,13 @@ power cut in between sends it twice, with one id.
 from __future__ import annotations
 
 import math
-import os
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from stadimeter.app.deliveries import Deliveries, Undelivered
 from stadimeter.app.persistence.resumption import ClockReading, Memory, resume, shift_s
-from stadimeter.app.places import state_directory
 from stadimeter.core.decide import State
 from stadimeter.core.decision import SYSTEM_EVENTS, Event
 from stadimeter.core.persistence import SnapshotChange, classify_change, find_absences, snapshot_alarms
@@ -30,8 +27,6 @@ from stadimeter.errors import StateError
 
 if TYPE_CHECKING:  # a run without a state file works on a system without SQLite
     from stadimeter.app.persistence.alarm_store import AlarmStore
-
-ENDING = ".sqlite3"
 
 # What could not be written is tried again after this long.
 PASSING_EVERY_S = 10.0
@@ -237,22 +232,3 @@ class StateWriter:
         with self._turned:
             self._turned.wait_for(lambda: self._newest is not None or self._is_ending, timeout=RETRY_S)
             self._newest = self._newest or state
-
-
-def state_file(configuration: Path, environ: Mapping[str, str] = os.environ) -> Path | None:
-    """Return the state file of a configuration, named after it; None for a user without a home.
-
-    It is in ``$STATE_DIRECTORY``, which systemd makes for a service; else in ``$XDG_STATE_HOME/stadimeter``, by default
-    ``~/.local/state/stadimeter``.
-    """
-    name = f"{configuration.stem}{ENDING}"
-    for_service = state_directory(environ)
-    if for_service is not None:
-        return for_service / name
-    of_user = environ.get("XDG_STATE_HOME")
-    if of_user:
-        return Path(of_user) / "stadimeter" / name
-    try:
-        return Path.home() / ".local" / "state" / "stadimeter" / name
-    except RuntimeError:  # no home
-        return None
