@@ -143,6 +143,12 @@ def test_another_aspect_is_refused() -> None:
         BARREL.scaled_to(640, 360)
 
 
+@pytest.mark.parametrize("size_px", [(480, 640), (960, 1280)])
+def test_a_picture_from_a_camera_on_its_side_is_refused_as_one(size_px: tuple[int, int]) -> None:
+    with pytest.raises(CalibrationError, match="turned by a quarter: hold it as at its calibration"):
+        BARREL.scaled_to(*size_px)
+
+
 @pytest.mark.parametrize(
     ("cx_px", "cy_px", "key"),
     [(4000.0, 239.5, "cx_px"), (-1.0, 239.5, "cx_px"), (319.5, 480.0, "cy_px"), (math.nan, 0.0, "cx_px")],

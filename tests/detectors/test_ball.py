@@ -135,6 +135,15 @@ def test_a_refusal_names_the_thing_that_is_most_like_a_ball_and_not_a_larger_one
     assert found.rejected[0].reason in found.reason
 
 
+@pytest.mark.parametrize("is_grey", [True, False])
+def test_a_picture_without_colour_is_said_to_be_grey(ball_detector, draw, wall, is_grey: bool) -> None:
+    picture = draw.noise(draw.disc(wall(), (320.0, 240.0), 40, RED))
+    picture = cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR) if is_grey else picture
+    picture[:, :, 0] += 3  # as compression leaves it
+    found = ball_detector(hsv=GREEN_HSV).detect(draw.frame(picture))
+    assert found.reason.startswith("the picture is grey") is is_grey
+
+
 def test_black_shows_every_hue_in_its_noise_and_is_no_ball(ball_detector, draw, wall) -> None:
     picture = draw.noise(draw.disc(wall(bgr=(180, 180, 180)), (320, 240), 40, (8, 8, 8)), 2.0)
     found = ball_detector(hsv="0,60,0:60,255,255").detect(draw.frame(picture))

@@ -526,10 +526,13 @@ class CameraModel(Struct, frozen=True, kw_only=True):
             return self
         scale_x, scale_y = width_px / self.width_px, height_px / self.height_px
         if not is_one_aspect((width_px, height_px), (self.width_px, self.height_px)):
-            raise CalibrationError(
-                f"the camera was calibrated at {self.width_px}x{self.height_px}; a picture of {width_px}x{height_px} "
-                "has another aspect, so it shows another part of the view; calibrate at this resolution"
-            )
+            why = "has another aspect, so it shows another part of the view; calibrate at this resolution"
+            if is_one_aspect((height_px, width_px), (self.width_px, self.height_px)):
+                why = (
+                    "was taken with the camera turned by a quarter: hold it as at its calibration, or calibrate it anew"
+                )
+            own, other = f"{self.width_px}x{self.height_px}", f"{width_px}x{height_px}"
+            raise CalibrationError(f"the camera was calibrated at {own}; a picture of {other} {why}")
         return replace(
             self,
             width_px=width_px,

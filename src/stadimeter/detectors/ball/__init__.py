@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from stadimeter.config.plugins import MAX_SEVERAL, Count, DriverContext, DriverOptions, numbered
@@ -59,6 +60,9 @@ RIVAL_SIZE, RIVAL_EVIDENCE = 0.6, 1.0
 MUCH_LARGER = 3.0
 
 MAX_REJECTED = 8
+
+# Channels that differ by no more are those of a picture without colour, which compression leaves with a trace of it.
+GREY_MAX = 4
 
 
 class BallOptions(DriverOptions):
@@ -155,7 +159,9 @@ class BallDetector:
         if self._around_px is None and self._has_large(scene, colour):
             return self._report(scene, "")
         self._search_colour(scene, colour)
-        return self._report(scene, f"no pixel has the ball's colour {colour}")
+        is_grey = not scene.ranked and np.ptp(scene.image[::16, ::16], axis=2).max() <= GREY_MAX
+        grey = "the picture is grey, as a camera's are at night, so " if is_grey else ""
+        return self._report(scene, f"{grey}no pixel has the ball's colour {colour}")
 
     def _search_colour(self, scene: BallScene, colour: HsvRange) -> None:
         """Search blobs of the ball's colour, and unless one is the ball, circles of edges."""
