@@ -43,6 +43,7 @@ def test_pins_of_another_library_than_ours_are_told_before_a_run(tmp_path, monke
 
 def test_a_library_that_is_missing_comes_with_the_line_for_this_python(tmp_path, monkeypatch):
     monkeypatch.setattr("stadimeter.config.extras.find_spec", lambda _name: None)
+    monkeypatch.setattr("stadimeter.config.extras.WITHOUT_LGPIO", (4, 0))
     monkeypatch.delenv("GPIOZERO_PIN_FACTORY", raising=False)
     phone = '[notifiers.phone]\ndriver = "apprise"\nurl_file = "phone.txt"\n'
     found = lacking(tmp_path, SIMULATED_BALL, SIREN, phone, RULE, 'notify = "phone"', "[world]")

@@ -22,6 +22,7 @@ from stadimeter.cameras.picamera2_camera import (
     Picamera2Options,
     load_package,
 )
+from stadimeter.config import extras
 from stadimeter.core.frame import Optics
 from stadimeter.errors import (
     CaptureTimeoutError,
@@ -417,10 +418,10 @@ def test_without_the_package_nothing_is_attached_and_what_is_missing_is_told(
     for name in ("picamera2", "libcamera"):
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setattr(picamera2_camera, "find_spec", lambda _name: None)
-    monkeypatch.setattr(picamera2_camera, "SYSTEM_PACKAGES", tmp_path)
+    monkeypatch.setattr(extras, "SYSTEM_PACKAGES", tmp_path)
     assert Picamera2Options.attached() == ()
     (lack,) = Picamera2Options().lacks()
-    assert "not installed: `sudo apt install python3-picamera2`" in lack
+    assert "not installed: `sudo apt install python3-picamera2 && python3 -m venv " in lack
     assert "--system-site-packages" in lack
     with pytest.raises(DriverUnavailableError, match="sudo apt install python3-picamera2"):
         Picamera2Camera(Picamera2Options(), clock).open()

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
+import subprocess
 import sys
+import venv
 from pathlib import Path
 
 import pytest
@@ -13,6 +16,7 @@ from stadimeter.config.extras import LIBRARIES, NOT_IN_PACKAGE, install_line
 
 @pytest.mark.parametrize("extra", sorted(LIBRARIES.keys() - NOT_IN_PACKAGE))
 def test_the_package_has_no_pip_so_no_line_names_it(monkeypatch: pytest.MonkeyPatch, extra: str) -> None:
+    monkeypatch.setattr(extras, "WITHOUT_LGPIO", (4, 0))
     assert f"{sys.executable} -m pip install 'stadimeter[{extra}]'" in install_line(extra)
     monkeypatch.setattr(sys, "prefix", "/opt/stadimeter/current")
     monkeypatch.setattr(sys, "executable", "/opt/stadimeter/current/bin/python3")
@@ -20,6 +24,22 @@ def test_the_package_has_no_pip_so_no_line_names_it(monkeypatch: pytest.MonkeyPa
     assert line.startswith("sudo apt install ")
     assert "/opt/stadimeter/current" not in line
     assert "pip" not in line
+
+
+def test_where_pip_has_no_wheel_of_lgpio_the_systems_is_made_visible_in_place(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(extras, "WITHOUT_LGPIO", sys.version_info[:2])
+    venv.create(tmp_path / "env", symlinks=True)
+    (tmp_path / "env/bin/own").touch()
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "env"))
+    asked, _, making = install_line("pi").partition(" && ")
+    assert asked == "sudo apt install python3-lgpio"
+    subprocess.run([sys.executable, *shlex.split(making)[1:], "--without-pip"], check=True)
+    assert "include-system-site-packages = true" in (tmp_path / "env/pyvenv.cfg").read_text()
+    assert (tmp_path / "env/bin/own").exists()
+    monkeypatch.setattr(sys, "path", [*sys.path, str(extras.SYSTEM_PACKAGES)])
+    assert install_line("pi") == asked
 
 
 @pytest.mark.parametrize("extra", sorted(NOT_IN_PACKAGE))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 from collections.abc import Callable
@@ -12,8 +13,12 @@ import pytest
 from stadimeter.errors import DeviceOpenError
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.testing.rig import eventually
-from support.broker import MosquittoBroker, free_port
+from stadimeter.workbench.doctor.checks import Computer, Diagnosis, Examined
+from stadimeter.workbench.doctor.checks import broker as find_broker
+from support.broker import HOST, MosquittoBroker, free_port
 from support.programs import require
+
+CONFIG = Path(__file__).parents[2] / "config" / "appliance.toml"
 
 MakeMessenger = Callable[..., PahoMessenger]
 StartBroker = Callable[..., MosquittoBroker]
@@ -42,19 +47,34 @@ def test_a_broker_with_a_trusted_certificate_is_accepted(secure_broker, make_mes
     eventually(lambda: not messenger.trouble())
 
 
-def test_a_broker_with_an_unknown_certificate_is_refused_in_words(secure_broker, make_messenger):
+def doctor_says(folder: Path, port: int, **keys: object) -> Diagnosis:
+    """Return what `doctor` finds of a broker: the reason of a run's messenger, and its remedy below it."""
+    table = "".join(f"{key} = {json.dumps(value)}\n" for key, value in {"host": HOST, "port": port, **keys}.items())
+    lines = re.sub(r'^host = "127.0.0.1".*\n', table, CONFIG.read_text(), flags=re.MULTILINE)
+    (folder / "box.toml").write_text(lines)
+    (found,) = find_broker(Examined(Computer(), folder / "box.toml"))
+    return found
+
+
+def test_a_broker_with_an_unknown_certificate_is_refused_in_words(secure_broker, make_messenger, tmp_path):
     messenger = make_messenger(secure_broker.port, tls=True)
     messenger.open()
     eventually(lambda: "is not trusted" in messenger.trouble() and "ca_file" in messenger.trouble())
+    found = doctor_says(tmp_path, secure_broker.port, tls=True)
+    assert found.remedy == "name its authority in ca_file"
+    assert messenger.trouble().startswith(f"{found.seen}; {found.remedy}")
 
 
 def test_a_broker_under_another_name_than_its_certificates_is_refused_in_words(
-    secure_broker, make_messenger, certificate
+    secure_broker, make_messenger, certificate, tmp_path
 ):
-    messenger = make_messenger(secure_broker.port, host="localhost", tls=True, ca_file=str(certificate[0]))
+    options = {"host": "localhost", "tls": True, "ca_file": str(certificate[0])}
+    messenger = make_messenger(secure_broker.port, **options)
     messenger.open()
     eventually(lambda: "is not trusted" in messenger.trouble())
-    assert "write as host a name that is in it, in place of 'localhost'" in messenger.trouble()
+    found = doctor_says(tmp_path, secure_broker.port, **options)
+    assert found.remedy == "write as host a name that is in it, in place of 'localhost'"
+    assert messenger.trouble().startswith(f"{found.seen}; {found.remedy}")
 
 
 @pytest.mark.parametrize(
@@ -66,10 +86,14 @@ def test_a_certificate_of_another_time_names_the_clock_and_not_its_authority(
     years, words, start_broker, make_messenger, certificate, tmp_path
 ):
     file = dated(tmp_path, certificate[1], *years)
-    messenger = make_messenger(start_broker(certificate=file, key=certificate[1]).port, tls=True, ca_file=str(file))
+    port = start_broker(certificate=file, key=certificate[1]).port
+    messenger = make_messenger(port, tls=True, ca_file=str(file))
     messenger.open()
     eventually(lambda: re.search(words, messenger.trouble()))
     assert "ca_file" not in messenger.trouble()
+    found = doctor_says(tmp_path, port, tls=True, ca_file=str(file))
+    assert re.search(words, f"{found.seen}; {found.remedy}")
+    assert re.match("this computer's clock|if it is ", found.remedy)
 
 
 def dated(folder: Path, key: Path, begins: int, ends: int) -> Path:

@@ -59,6 +59,7 @@ class Captured(Struct, frozen=True, kw_only=True):
         imports: The lines of the Python that imports the libraries; how it ended.
         complaint: What commands print beside.
         cameras: What `stadimeter cameras --json` prints; None if it crashes.
+        holders: What holds each pin that is held.
     """
 
     files: Mapping[str, str] = field(default_factory=dict)
@@ -70,6 +71,7 @@ class Captured(Struct, frozen=True, kw_only=True):
     cameras: Sequence[Any] | None = ()
     is_clock_right: bool = True
     free_bytes: float = 20e9
+    holders: Mapping[int, str] = {}
 
     def with_files(self, **files: str) -> Captured:
         """Return it with other texts, by names of files as in this module."""
@@ -98,6 +100,7 @@ class Captured(Struct, frozen=True, kw_only=True):
             run=self._run,
             is_clock_right=lambda: self.is_clock_right,
             free_bytes=lambda _path: int(self.free_bytes),
+            find_holder=lambda _chip, gpio: self.holders.get(gpio, ""),
         )
 
     def _run(self, words: Sequence[str], limit_s: float) -> CommandResult | None:
@@ -111,6 +114,7 @@ class Captured(Struct, frozen=True, kw_only=True):
 
 PLACES = {
     "cmdline": "/proc/cmdline",
+    "config_txt": "/boot/firmware/config.txt",
     "group": "/etc/group",
     "safe_conf": "/run/stadimeter/safe-outputs.conf",
     "status": "/proc/self/status",

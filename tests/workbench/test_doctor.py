@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
+import subprocess
 import sys
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -19,6 +22,7 @@ from stadimeter.workbench.doctor.checks import (
     Diagnosis,
     DiagnosisSeverity,
     Examined,
+    find_holder,
     run_command,
 )
 from support.captured_computers import (
@@ -88,9 +92,59 @@ class TestSupply:
         assert found.seen.startswith(seen)
 
 
-@pytest.mark.parametrize(("free", "severity"), [(300e6, WARNING), (600e6, FINE)])
-def test_a_disk_that_is_almost_full_is_found(tmp_path: Path, free: float, severity: DiagnosisSeverity) -> None:
-    assert only(replace(PC, free_bytes=free), tmp_path, "disk").severity is severity
+class TestDisk:
+    @pytest.mark.parametrize(("free", "severity"), [(0.0, WRONG), (300e6, WARNING), (600e6, FINE)])
+    def test_a_disk_that_is_full_or_almost_is_found(
+        self, tmp_path: Path, free: float, severity: DiagnosisSeverity
+    ) -> None:
+        assert only(replace(PC, free_bytes=free), tmp_path, "disk").severity is severity
+
+    @pytest.fixture
+    def state(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "home"))
+        folder = tmp_path / "home/stadimeter"
+        folder.mkdir(parents=True)
+        return folder
+
+    @staticmethod
+    def troubles(tmp_path: Path) -> list[Diagnosis]:
+        found = examine(PC, tmp_path / "root", "disk", config=CONFIG / "demo.toml")
+        return [each for each in found if each.severity is not FINE]
+
+    @staticmethod
+    def follow(found: Diagnosis) -> None:
+        """Run the command of a remedy, as root."""
+        command = re.sub(r"\bsudo ", "", found.remedy.split("`")[1])
+        subprocess.run(["sh", "-c", command], check=True, env={**os.environ, "USER": "root"})
+
+    @pytest.mark.skipif(os.geteuid() != 0, reason="gives a file to another user")
+    def test_a_state_of_another_user_is_given_back_by_the_remedy(self, tmp_path: Path, state: Path) -> None:
+        (state / "demo.sqlite3").touch()
+        assert self.troubles(tmp_path) == []
+        os.chown(state / "demo.sqlite3", 12345, 12345)
+        (found,) = self.troubles(tmp_path)
+        assert (found.severity, found.seen.split()[0]) == (WRONG, str(state / "demo.sqlite3"))
+        self.follow(found)
+        assert self.troubles(tmp_path) == []
+
+    @pytest.mark.skipif(os.geteuid() == 0, reason="root may write every folder")
+    def test_a_folder_that_is_not_ours_to_write_is_found(self, tmp_path: Path, state: Path) -> None:
+        state.chmod(0o500)
+        (found,) = self.troubles(tmp_path)
+        assert (found.severity, f"chown -R $USER {state}`" in found.remedy) == (WRONG, True)
+
+    @pytest.mark.skipif(os.geteuid() != 0, reason="mounts a file system")
+    def test_a_read_only_disk_is_mounted_anew_by_the_remedy(self, tmp_path: Path, state: Path) -> None:
+        mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "none", state], capture_output=True, check=False)
+        if mounted.returncode:
+            pytest.skip(f"no file system can be mounted here: {mounted.stderr.decode()}")
+        try:
+            (found,) = self.troubles(tmp_path)
+            assert (found.severity, "is on a read-only disk" in found.seen) == (WRONG, True)
+            self.follow(found)
+            assert self.troubles(tmp_path) == []
+        finally:
+            subprocess.run(["umount", state], check=True)
 
 
 def test_a_clock_that_is_not_set_is_wrong_where_rules_go_by_it(tmp_path: Path) -> None:
@@ -129,13 +183,25 @@ class TestLibraries:
     def test_picamera2_of_pip_lacks_what_only_apt_has(self, tmp_path: Path) -> None:
         of_pip = library("picamera2", error="ModuleNotFoundError: No module named 'libcamera'")
         found = only(replace(PI_4, imports=(*LOADED[:4], of_pip)), tmp_path, "libraries")
-        assert found.remedy.startswith("`sudo apt install python3-picamera2`, and make the environment anew")
+        assert found.remedy.startswith("`sudo apt install python3-picamera2 && python3 -m venv --system-site-packages")
 
     @pytest.mark.parametrize(("code", "how"), [(-11, "crashes Python"), (None, "takes too long")])
     def test_a_library_that_crashes_or_hangs_is_named(self, tmp_path: Path, code: int | None, how: str) -> None:
         imports = (LOADED[0], {"trying": "cv2"})
         found = only(replace(PI_4, imports=imports, imports_code=code), tmp_path, "libraries")
         assert (found.severity, found.seen) == (WRONG, f"importing cv2 {how}")
+
+    @pytest.mark.parametrize("name", ["numpy", "cv2", "simplejpeg", "pydantic"])
+    @pytest.mark.parametrize("fault", [{"missing": True}, {"error": "ImportError: it is damaged"}])
+    def test_the_remedy_installs_the_package_that_brings_a_library(
+        self, tmp_path: Path, name: str, fault: dict[str, object]
+    ) -> None:
+        imports = [library(name, **fault) if each["name"] == name else each for each in LOADED]
+        found = only(replace(PI_4, imports=imports), tmp_path, "libraries")
+        assert found.severity is WRONG
+        *command, package = shlex.split(found.remedy)
+        assert command == [sys.executable, "-m", "pip", "install", "--force-reinstall"]
+        assert package in packages_distributions()[name]
 
     def test_the_libraries_of_this_python_load_together(self) -> None:
         (found,) = Examined(Computer()).libraries
@@ -315,7 +381,7 @@ class TestCameras:
         bare = replace(PI_4, cameras=(), imports=(*LOADED[:4], library("picamera2", missing=True)))
         found = examine(bare, tmp_path, "cameras")[0]
         assert found.seen == "a ribbon camera is there, and this Python does not see the library picamera2"
-        assert found.remedy.startswith("`sudo apt install python3-picamera2`")
+        assert found.remedy.startswith("`sudo apt install python3-picamera2")
         assert "--system-site-packages" in found.remedy
 
     def test_a_configuration_without_such_a_camera_needs_none(self, tmp_path: Path) -> None:
@@ -339,7 +405,63 @@ class TestCameras:
 class TestPins:
     def test_pins_of_a_configuration_need_a_pi(self, tmp_path: Path) -> None:
         assert examine(PC, tmp_path, "pins") == []
-        assert only(PC, tmp_path, "pins", CONFIG / "distance-alert.toml").severity is WRONG
+        assert only(PC, tmp_path, "configuration", CONFIG / "distance-alert.toml").severity is WRONG
+
+    @staticmethod
+    def taken(captured: Captured, folder: Path, gpio: int) -> list[Diagnosis]:
+        config = folder / "pin.toml"
+        config.write_text((CONFIG / "distance-alert.toml").read_text().replace("pin = 18", f"pin = {gpio}"))
+        return [each for each in examine(captured, folder / "root", "pins", config=config) if each.severity is not FINE]
+
+    @pytest.mark.parametrize(
+        ("gpio", "line"),
+        [
+            (4, "dtoverlay=w1-gpio"),
+            (17, "dtoverlay=w1-gpio,gpiopin=17"),
+            (19, "dtoverlay=hifiberry-dacplus,24db_digital_gain"),
+            (3, "dtoverlay=gpio-shutdown"),
+            (24, "dtoverlay=gpio-shutdown,active_low=1,gpio_pin=24"),
+            (12, "dtoverlay=gpio-fan,temp=60000"),
+            (18, "dtoverlay=pwm"),
+            (13, "dtoverlay=pwm-2chan,pin=12,func=4,pin2=13,func2=4"),
+            (8, "dtparam=audio=on,spi=on"),
+            (2, "dtparam=i2c_arm=on"),
+            (15, "enable_uart=1"),
+        ],
+    )
+    def test_a_pin_that_config_txt_gives_away_is_found_with_its_line(
+        self, tmp_path: Path, gpio: int, line: str
+    ) -> None:
+        lines = f"[all]\n{line}\n[cm4]\notg_mode=1\n"
+        (found,) = self.taken(PI_4.with_files(config_txt=lines), tmp_path, gpio)
+        assert (found.severity, f"`{line}` of /boot/firmware/config.txt" in found.seen) == (WRONG, True)
+        assert found.remedy == "another pin for 'motor'; or put # before that line, and restart"
+        assert self.taken(PI_4.with_files(config_txt=lines), tmp_path, 25) == []
+        assert self.taken(PI_4.with_files(config_txt=lines.replace(line, f"#{line}")), tmp_path, gpio) == []
+
+    @pytest.mark.parametrize(("filtered", "is_ours"), [("pi4", True), ("pi5", False), ("none", False), ("all", True)])
+    def test_a_line_for_another_board_takes_no_pin(self, tmp_path: Path, filtered: str, is_ours: bool) -> None:
+        captured = replace(PI_4, files={**PI_4.files, "/boot/config.txt": f"[{filtered}]\ndtoverlay=w1-gpio\n"})
+        assert bool(self.taken(captured, tmp_path, 4)) is is_ours
+
+    def test_a_pin_that_is_held_says_by_whom(self, tmp_path: Path) -> None:
+        held = replace(PI_4, holders={18: "lg"})
+        (found,) = self.taken(held, tmp_path, 18)
+        assert (found.severity, found.seen) == (WRONG, "GPIO 18 of 'motor' is held by 'lg', as the kernel calls it")
+        assert "`sudo fuser -v /dev/gpiochip0`" in found.remedy
+        assert self.taken(held.printing("systemctl is-active stadimeter.service", "active\n"), tmp_path, 18) == []
+
+    @pytest.mark.parametrize(
+        ("name", "flags", "holder"), [(b"spi0 CS0", 3, "spi0 CS0"), (b"", 1, "a driver of the kernel"), (b"", 2, "")]
+    )
+    def test_the_kernel_is_asked_for_the_line(self, tmp_path: Path, name: bytes, flags: int, holder: str) -> None:
+        (tmp_path / "gpiochip0").touch()
+
+        def answer(_file: int, request: int, asked: bytes) -> bytes:
+            assert (request, len(asked), asked[64:68]) == (0xC100B405, 256, b"\x11\0\0\0")
+            return asked[:32] + name.ljust(32, b"\0") + asked[64:72] + flags.to_bytes(8, "little") + asked[80:]
+
+        assert find_holder(tmp_path / "gpiochip0", 17, answer) == holder
 
 
 def a_base(folder: Path, port: str) -> Path:

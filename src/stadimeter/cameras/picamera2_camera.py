@@ -14,7 +14,6 @@ from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -363,7 +362,6 @@ class SensorNetwork:
 
 # ----------------------------------------------------------------------------------------------------
 
-SYSTEM_PACKAGES = Path(extras.PICAMERA2_UNSEEN).parent
 DEVICES = ("/dev/media*", "/dev/video*")
 
 
@@ -402,15 +400,14 @@ def load_package() -> Package:
 
 def lack() -> str:
     """Return why picamera2 cannot be loaded here, in a sentence, or an empty string; loads nothing."""
+    seen = "the library picamera2 is not installed"
     if find_spec("picamera2") is not None:
         if find_spec("libcamera") is not None:
             return extras.PICAMERA2_TOO_OLD if _is_too_old() else ""
-        without = "picamera2 is there without libcamera, which pip does not have"
-        return f"{without}: {extras.PICAMERA2}, and {extras.SEE_SYSTEM}"
-    if (SYSTEM_PACKAGES / "picamera2").is_dir():
-        return f"picamera2 is installed, but not seen from this Python environment: {extras.SEE_SYSTEM}"
-    anew = "" if str(SYSTEM_PACKAGES) in sys.path else f", and {extras.SEE_SYSTEM}"
-    return f"the library picamera2 is not installed: {extras.PICAMERA2}{anew}"
+        seen = "picamera2 is there without libcamera, which pip does not have"
+    elif (extras.SYSTEM_PACKAGES / "picamera2").is_dir():
+        seen = "picamera2 is installed, but not seen from this Python environment"
+    return f"{seen}: `{extras.of_system('python3-picamera2')}`"
 
 
 def _is_too_old() -> bool:

@@ -77,11 +77,13 @@ def computer(
     Without CONFIG it looks at the configuration of the service, /etc/stadimeter/appliance.toml, if there is one (with
     sudo). It examines
 
-    - This computer: supply and under-voltage, heat, pictures of 640 x 480 a second, clock, free space;
+    - This computer: supply and under-voltage, heat, pictures of 640 x 480 a second, clock, whether the state folder can
+      be written, free space;
 
     - Python and libraries: whether each can be loaded, tried in another Python;
 
-    - Cameras, pins and ports: the groups video, gpio and dialout, cameras and what holds them, what takes serial ports;
+    - Cameras, pins and ports: the groups video, gpio and dialout, cameras and what holds them, what takes the pins of
+      the configuration, and serial ports;
 
     - Configuration: the first finding of `stadimeter check`, and whether the broker takes the login;
 

@@ -23,20 +23,16 @@ LIBRARIES = {
 }
 
 # The first version that can give up waiting for a camera (`cancel_all_and_flush`).
-PICAMERA2 = "`sudo apt install python3-picamera2`"
 OLDEST_PICAMERA2 = "0.3.20"
-
-# Where apt puts it, which a Python environment of its own does not see.
 PICAMERA2_TOO_OLD = (
     f"this picamera2 is too old: before {OLDEST_PICAMERA2} it cannot give up waiting for a camera; `sudo apt update &&"
     " sudo apt full-upgrade`"
 )
-PICAMERA2_UNSEEN = "/usr/lib/python3/dist-packages/picamera2"
+
+# Where apt puts libraries, which a Python environment of its own does not see.
+SYSTEM_PACKAGES = Path("/usr/lib/python3/dist-packages")
 
 # What pip has to install beside libraries from apt that were built for numpy 1, as on Raspberry Pi OS 12.
-SEE_SYSTEM = (  # the Debian package's environment sees them
-    "make the environment anew with `python3 -m venv --system-site-packages`, so that it sees the system's packages"
-)
 NUMPY_1 = "'numpy<2' 'opencv-python-headless<4.12'"
 
 
@@ -51,6 +47,9 @@ PACKAGE_AGAIN = "`sudo apt install --reinstall ./stadimeter_VERSION.deb`, the pa
 _OF_DEBIAN = {"pi": "python3-lgpio"}
 NOT_IN_PACKAGE = frozenset({"network", "notify", "ros2", "tof"})
 
+# From this Python on the package index has no wheel of lgpio, and its source does not build without more.
+WITHOUT_LGPIO = (3, 13)
+
 # Where the guides are that messages name: in a checkout, in the Debian package (a system may leave them out by
 # `path-exclude` of dpkg), or on the web.
 GUIDES_OF_CHECKOUT = Path(__file__).parents[3] / "docs"
@@ -60,12 +59,22 @@ GUIDES_ON_THE_WEB = "https://github.com/stadimeter/stadimeter/blob/main/docs"
 
 def install_line(extra: str) -> str:
     """Return the command that installs an extra for the Python that runs, which need not be the first of the path."""
-    if not sys.prefix.startswith(PACKAGED):
+    is_packaged = sys.prefix.startswith(PACKAGED)
+    if extra in _OF_DEBIAN and (is_packaged or sys.version_info >= WITHOUT_LGPIO):
+        return of_system(_OF_DEBIAN[extra])
+    if not is_packaged:
         return f"{shlex.quote(sys.executable)} -m pip install 'stadimeter[{extra}]'"
     if extra in NOT_IN_PACKAGE:
         pip = f"sudo python3 -m pip install --target {PACKAGED}/drivers"
         return f"sudo apt install python3-pip && {pip} {LIBRARIES[extra]}"
-    return f"sudo apt install {_OF_DEBIAN[extra]}" if extra in _OF_DEBIAN else PACKAGE_AGAIN.replace("`", "")
+    return PACKAGE_AGAIN.replace("`", "")
+
+
+def of_system(package: str) -> str:
+    """Return the command that installs a library of the system's packages, and lets this environment see it."""
+    is_seen = sys.prefix.startswith(PACKAGED) or str(SYSTEM_PACKAGES) in sys.path
+    see = "" if is_seen else f" && python3 -m venv --system-site-packages {shlex.quote(sys.prefix)}"
+    return f"sudo apt install {package}{see}"
 
 
 def missing(extra: str) -> str:

@@ -166,10 +166,7 @@ def _hint(error: Exception) -> str:
     if isinstance(error, GPIOPinInUse):
         return "; give each part of the configuration a pin of its own"
     if "busy" in str(error).lower():
-        return (
-            "; another program holds it (gpioinfo shows which), or the system does, for SPI, I2C, serial or 1-Wire: "
-            "choose another pin, or switch that off in raspi-config"
-        )
+        return "; another program holds it, or the system, as for SPI or 1-Wire: `stadimeter doctor CONFIG` says which"
     return ""
 
 

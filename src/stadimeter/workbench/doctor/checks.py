@@ -4,20 +4,22 @@ Files are read below a root and commands are run through a function, so that tes
 Whether the libraries that read pictures load together is tried in another Python, which may crash or hang.
 
 Sources: Raspberry Pi's documentation ("Raspberry Pi OS": ``vcgencmd``; "Configuration": ``config.txt``, UARTs; "Camera
-software"), the kernel's drivers ``unicam`` and ``rp1-cfe`` of its two camera ports, systemctl(1), systemd.service(5),
-systemd-system.conf(5) and proc(5).
+software"; "Conditional filters"), the firmware's overlays/README, linux/gpio.h, the kernel's drivers ``unicam`` and
+``rp1-cfe`` of its two camera ports, systemctl(1), systemd.service(5), systemd-system.conf(5) and proc(5).
 """
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import re
 import shlex
 import shutil
+import struct
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
@@ -29,6 +31,7 @@ from msgspec import Struct
 
 from stadimeter.app.clock import is_synchronised
 from stadimeter.app.live.health import FAILED_UPGRADE, throttling
+from stadimeter.app.places import SERVICE_STATE, state_file
 from stadimeter.config import extras
 from stadimeter.errors import ConfigError, Problem, StadimeterError
 from stadimeter.messaging.protocol import ReachesItsPeer
@@ -107,6 +110,20 @@ def _text(printed: bytes | None) -> str:
     return (printed or b"").decode("utf-8", "replace")
 
 
+# ``GPIO_V2_GET_LINEINFO_IOCTL`` of linux/gpio.h, and ``gpio_v2_line_info``: name, what holds the line, number, count of
+# attributes, flags (the first: it is held), attributes and reserved.
+GET_LINE = 0xC100B405
+LINE = struct.Struct("=32s32sIIQ176x")
+
+
+def find_holder(chip: Path, gpio: int, ioctl: Callable[[int, int, bytes], bytes] = fcntl.ioctl) -> str:
+    """Return which program or driver holds a pin, as the kernel names it; empty if none does. Raises `OSError`."""
+    with chip.open("rb") as file:
+        answer = ioctl(file.fileno(), GET_LINE, LINE.pack(b"", b"", gpio, 0, 0))
+    _name, holder, _gpio, _count, flags = LINE.unpack(answer)
+    return _text(holder.rstrip(b"\0")) or "a driver of the kernel" if flags & 1 else ""
+
+
 class Computer(Struct, frozen=True, kw_only=True):
     """Access to everything that the checks may ask.
 
@@ -115,21 +132,23 @@ class Computer(Struct, frozen=True, kw_only=True):
         run: Runs a command within a time limit in seconds; None where it is not installed.
         is_clock_right: Whether the clock is synchronised.
         free_bytes: The free space of the file system that a path is on; raises `OSError`.
+        find_holder: What holds a pin of a chip; see `find_holder`.
     """
 
     root: Path = Path("/")
     run: Callable[[Sequence[str], float], CommandResult | None] = run_command
     is_clock_right: Callable[[], bool] = is_synchronised
     free_bytes: Callable[[Path], int] = lambda path: shutil.disk_usage(path).free
+    find_holder: Callable[[Path, int], str] = find_holder
 
     def has(self, path: str) -> bool:
         """Check whether there is such a file or folder."""
-        return os.path.lexists(self._at(path))
+        return os.path.lexists(self.at(path))
 
     def text(self, path: str) -> str:
         """Return the text of a file without spaces around it; ``""`` where it cannot be read."""
         try:
-            return self._at(path).read_text("utf-8", "replace").strip("\0 \n")
+            return self.at(path).read_text("utf-8", "replace").strip("\0 \n")
         except OSError:
             return ""
 
@@ -137,9 +156,13 @@ class Computer(Struct, frozen=True, kw_only=True):
         """List the paths that fit a pattern such as ``/dev/gpiochip*``, sorted."""
         return sorted(f"/{found.relative_to(self.root)}" for found in self.root.glob(pattern.lstrip("/")))
 
+    def at(self, path: str) -> Path:
+        """Return where a path is found."""
+        return self.root / path.lstrip("/")
+
     def node(self, path: str) -> str:
         """Return the name of the device that a path such as ``/dev/serial0`` leads to."""
-        return self._at(path).resolve().name
+        return self.at(path).resolve().name
 
     def prints(self, *words: str) -> str:
         """Return the output of a command, or ``""`` where it fails or is not installed."""
@@ -170,16 +193,13 @@ class Computer(Struct, frozen=True, kw_only=True):
         """Check whether a unit of systemd is active."""
         return self.prints("systemctl", "is-active", unit) == "active"
 
-    def _at(self, path: str) -> Path:
-        return self.root / path.lstrip("/")
-
 
 class Configured(Struct, frozen=True):
     """The facts that the checks ask of a configuration; without one it has no pins, no ports and no schedule.
 
     Attributes:
         why_none: Why a configuration that is there, or was named, cannot be used.
-        pins: The GPIOs of its outputs and buttons.
+        pins: Its outputs and buttons by their GPIOs.
         ports: The serial ports that its base names.
         is_scheduled: Whether any rule asks for the time of day.
         safe_lines: The lines of the list of safe outputs; none for simulated outputs.
@@ -188,7 +208,7 @@ class Configured(Struct, frozen=True):
 
     why_none: Diagnosis | None = None
     configuration: Configuration | None = None
-    pins: frozenset[int] = frozenset()
+    pins: Mapping[int, str] = {}
     ports: tuple[str, ...] = ()
     is_scheduled: bool = False
     safe_lines: tuple[str, ...] = ()
@@ -199,6 +219,9 @@ class Configured(Struct, frozen=True):
 IMPORT_S = 15.0
 LIBRARIES = ("numpy", "cv2", "simplejpeg", "pydantic", "picamera2")
 OPTIONAL = ("picamera2", "lgpio")
+
+# The packages on the package index that are not named as what they bring.
+DISTRIBUTIONS = {"cv2": "opencv-python-headless"}
 
 # Prints a line of JSON before each library and one after it; what crashes leaves out the latter.
 PROBE = """
@@ -257,10 +280,10 @@ def libraries(imports: Imports) -> Iterator[Diagnosis]:
         return
     troubles = [_broken(each, found) for each in found if each["error"]]
     if missing := [each["name"] for each in found if each["missing"] and each["name"] not in OPTIONAL]:
-        troubles.append(wrong(f"{' and '.join(missing)} is not installed", _again("stadimeter")))
+        troubles.append(wrong(f"{' and '.join(missing)} is not installed", _again(*missing)))
     if untried := lines[-1].get("trying"):
         how = "takes too long" if imports.is_late else "crashes Python"
-        troubles.append(wrong(f"importing {untried} {how}", _again("stadimeter")))
+        troubles.append(wrong(f"importing {untried} {how}", _again(untried)))
     loaded = (each for each in found if each["name"] in LIBRARIES and not each["missing"])
     names = ", ".join(f"{each['name']} {each['version']}".strip() + _origin(each) for each in loaded)
     yield from troubles or [fine(f"Python {sys.version.split()[0]} in {sys.prefix}; {names} load together")]
@@ -275,24 +298,22 @@ def _broken(library: dict[str, Any], found: list[dict[str, Any]]) -> Diagnosis:
     if error == "too old":
         return wrong(*extras.PICAMERA2_TOO_OLD.split("; "))
     if not _NUMPY_MIX.search(error):
-        return wrong(f"{name} does not load: {error}", picamera2_remedy() if name == "picamera2" else _again(name))
+        return wrong(f"{name} does not load: {error}", _again(name))
     numpy = next((f"{each['version']}{_origin(each)}" for each in found if each["name"] == "numpy"), "")
     seen = f"{name} does not load beside numpy {numpy}: it was built for another numpy ({error})"
-    is_of_apt = _origin(library) and not sys.prefix.startswith(extras.PACKAGED)
-    return wrong(seen, f"{shlex.quote(sys.executable)} -m pip install {extras.NUMPY_1}" if is_of_apt else _again(name))
+    if sys.prefix.startswith(extras.PACKAGED):
+        return wrong(seen, extras.PACKAGE_AGAIN)
+    older = f"{shlex.quote(sys.executable)} -m pip install {extras.NUMPY_1}"
+    return wrong(seen, older if _origin(library) else _again(name))
 
 
-def _again(library: str) -> str:
+def _again(*libraries: str) -> str:
+    if "picamera2" in libraries:  # what it needs is not on the package index
+        return f"`{extras.of_system('python3-picamera2')}`"
     if sys.prefix.startswith(extras.PACKAGED):
         return extras.PACKAGE_AGAIN
-    return f"{shlex.quote(sys.executable)} -m pip install --force-reinstall {library}"
-
-
-def picamera2_remedy() -> str:
-    """Return the remedy for a picamera2 that is missing or broken: what it needs is not on the package index."""
-    return (
-        extras.PICAMERA2 if sys.prefix.startswith(extras.PACKAGED) else f"{extras.PICAMERA2}, and {extras.SEE_SYSTEM}"
-    )
+    names = " ".join(DISTRIBUTIONS.get(each, each) for each in libraries)
+    return f"{shlex.quote(sys.executable)} -m pip install --force-reinstall {names}"
 
 
 # The subject of the examination -------------------------------------------------------------------------------------
@@ -330,10 +351,16 @@ class Examined:
         """True if the configuration is that of the service."""
         return self.path is None or self.path.resolve() == Path(INSTALLED)
 
+    @property
+    def state(self) -> Path:
+        """The folder of what runs keep."""
+        file = None if self.path is None or self.is_of_service else state_file(self.path)
+        return file.parent if file is not None else self.computer.at(str(SERVICE_STATE))
+
     @cached_property
     def configured(self) -> Configured:
         """The configuration, or why it cannot be used."""
-        path = self.path or self.computer.root / INSTALLED.lstrip("/")
+        path = self.path or self.computer.at(INSTALLED)
         try:
             with suppress(IsADirectoryError):  # reading it says so
                 path.open("rb").close()
@@ -370,7 +397,7 @@ def _read_configured(path: Path) -> Configured:
     ports = marked_options(found.base.options, PortMark) if found.base is not None else ()
     return Configured(
         configuration=found,
-        pins=frozenset(output.gpio for output in find_outputs(parts_of(found))),
+        pins={output.gpio: output.name for output in find_outputs(parts_of(found))},
         ports=tuple(str(port) for _key, port in ports if str(port).startswith("/")),
         is_scheduled=found.plan.needs_wall_time,
         safe_lines=tuple(line for each in found.driven if not each.is_simulated for line in safe_lines(each)),
@@ -386,7 +413,8 @@ SUPPLY = (
 COOL = "a heat sink or a fan, and air around the board"
 # To load the libraries takes a Zero 2 W some seconds.
 SPEED_S = 30.0
-LOW_BYTES = 500e6
+LOW_BYTES, FULL_BYTES = 500e6, 1e6
+REMOUNT = '`sudo mount -o remount,rw "$(findmnt -no TARGET -T {})"`; if that does not last, another memory card'
 
 
 def system(examined: Examined) -> Iterator[Diagnosis]:
@@ -394,10 +422,8 @@ def system(examined: Examined) -> Iterator[Diagnosis]:
     computer = examined.computer
     release = re.search(r'^PRETTY_NAME="?([^"\n]*)', computer.text("/etc/os-release"), re.MULTILINE)
     name = release[1] if release else "an unknown system"
-    if computer.is_pi:
-        yield fine(f"{computer.model}, {name}")
-    else:
-        yield fine(f"{computer.model or 'no Raspberry Pi'}, {name}; pins, supply and ribbon cameras are left out")
+    left_out = "" if computer.is_pi else "; pins, supply and ribbon cameras are left out"
+    yield fine(f"{computer.model or 'no Raspberry Pi'}, {name}{left_out}")
 
 
 def supply(examined: Examined) -> Iterator[Diagnosis]:
@@ -423,37 +449,47 @@ def supply(examined: Examined) -> Iterator[Diagnosis]:
 def speed(examined: Examined) -> Iterator[Diagnosis]:
     """Tell how many pictures a second it can look through for a ball."""
     answer = examined.computer.run((*python_command(), "-m", "stadimeter.workbench.doctor.speed"), SPEED_S)
-    if answer is not None and answer.code == 0:
-        many = answer.output.strip()
-        yield fine(f"it looks through {many} pictures of 640x480 a second for a ball of one colour")
-    elif answer is not None:
-        yield unknown("how fast it is: the libraries do not work together")
+    if answer is not None:
+        seen = f"it looks through {answer.output.strip()} pictures of 640x480 a second for a ball of one colour"
+        broken = "how fast it is: the libraries do not work together"
+        yield fine(seen) if answer.code == 0 else unknown(broken)
 
 
 def clock(examined: Examined) -> Iterator[Diagnosis]:
     """Tell whether the clock is synchronised: schedules wait for that, and times in logs are wrong without it."""
-    if examined.computer.is_clock_right():
-        yield fine("the clock is synchronised")
-        return
     remedy = "`sudo timedatectl set-ntp true`, and a network; a Pi 5 keeps time with a battery on its clock"
     seen = "the clock is not synchronised"
-    if examined.configured.is_scheduled:
+    if examined.computer.is_clock_right():
+        yield fine("the clock is synchronised")
+    elif examined.configured.is_scheduled:
         yield wrong(f"{seen}, and rules with a schedule wait for it", remedy)
     else:
         yield warning(f"{seen}: times in logs and messages may be wrong", remedy)
 
 
 def disk(examined: Examined) -> Iterator[Diagnosis]:
-    """Tell how much is free where state and logs go."""
-    computer = examined.computer
+    """Tell whether the folder of the state can be written, and how much is free there."""
+    computer, folder = examined.computer, examined.state
+    there = next(each for each in (folder, *folder.parents) if os.path.lexists(each))
     try:
-        free = computer.free_bytes(computer.root / "var")
+        free, is_read_only = computer.free_bytes(there), os.statvfs(there).f_flag & os.ST_RDONLY
+        others = [each for each in sorted(folder.glob("*")) if each.stat().st_uid != there.stat().st_uid]
     except OSError as error:
-        yield unknown(f"the free space below /var: {error.strerror}")
+        yield unknown(f"the free space of {folder}: {error.strerror}")
         return
-    seen = f"{free / 1e9:.1f} GB are free below /var"
+    owner = f"--reference={folder}"
+    is_ours = examined.configured.configuration is not None and (computer.is_root or not examined.is_of_service)
+    if is_ours and not os.access(there, os.W_OK):
+        others, owner = [there], "$USER"
+    if is_read_only:
+        yield wrong(f"{folder} is on a read-only disk: nothing that alarms remember is kept", REMOUNT.format(there))
+    elif others:
+        seen = f"{others[0]} belongs to another user: nothing that alarms remember is kept"
+        yield wrong(seen, f"`sudo mkdir -p {folder} && sudo chown -R {owner} {folder}`")
     remedy = "delete old journals and recordings (`sudo du -xh / | sort -h | tail` finds what is large)"
-    yield fine(seen) if free >= LOW_BYTES else warning(seen, remedy)
+    judged = wrong if free < FULL_BYTES else warning
+    seen = f"{free / 1e9:.1f} GB are free for {folder}"
+    yield fine(seen) if free >= LOW_BYTES else judged(seen, remedy)
 
 
 # Groups, cameras, pins and serial ports ----------------------------------------------------------------------------
@@ -465,6 +501,19 @@ IN_USE = "another program is using it"
 # The serial ports of GPIO 14 and 15. The console of a Pi 5 is on a connector of its own, as ttyAMA10.
 CONFIG_TXT = "/boot/firmware/config.txt"
 ON_HEADER = ("ttyAMA0", "ttyS0")
+
+_I2S, _I2C = {"clock": 18, "frame": 19, "in": 20, "out": 21}, {"data": 2, "clock": 3}
+
+# What takes pins when config.txt names it: the parameter that chooses each, with its default. Some have no choice, and
+# `hifiberry` stands for all whose names begin so.
+TAKES_PINS: dict[str, dict[str, int]] = {
+    "w1-gpio": {"gpiopin": 4}, "w1-gpio-pullup": {"gpiopin": 4, "extpullup": 5}, "dht11": {"gpiopin": 4},
+    "gpio-fan": {"gpiopin": 12}, "gpio-ir": {"gpio_pin": 18}, "gpio-poweroff": {"gpiopin": 26},
+    "gpio-shutdown": {"gpio_pin": 3}, "pwm": {"pin": 18}, "pwm-2chan": {"pin": 18, "pin2": 19},
+    "hifiberry": _I2S, "i2s": _I2S, "i2c": _I2C, "i2c_arm": _I2C, "enable_uart": {"tx": 14, "rx": 15},
+    "spi": {"ce1": 7, "ce0": 8, "miso": 9, "mosi": 10, "clock": 11},
+}  # fmt: skip
+_SETTING = re.compile(r"^dtoverlay=(hifiberry|[\w-]+)|\b(\w+)=(?:on|1|yes|true)\b")
 
 ATTACH = "plug one in, or try another socket and cable; `ls /dev/video*` lists those that the kernel knows"
 ATTACH_TO_PI = (
@@ -521,7 +570,12 @@ def _absent(examined: Examined, *, has_any: bool) -> Iterator[Diagnosis]:
     # The kernel makes these nodes when it has found a sensor on a ribbon cable.
     nodes = [computer.text(path) for path in computer.paths("/sys/class/video4linux/video*/name")]
     if any(name.startswith(("unicam", "rp1-cfe")) for name in nodes):
-        yield _unread_ribbon(examined)
+        if examined.imports.lacks("picamera2"):
+            seen = "a ribbon camera is there, and this Python does not see the library picamera2"
+            yield wrong(seen, _again("picamera2"))
+        else:
+            remedy = "`rpicam-hello --list-cameras`; mend the libraries first, if one does not load"
+            yield unknown("the kernel knows a ribbon camera, and libcamera does not list it", remedy)
     elif driver == "picamera2" or (not has_any and driver in {"", "opencv"} and not is_stream):
         seen = "no ribbon camera is found" if has_any else "no camera is found"
         yield wrong(seen, ATTACH_TO_PI if computer.is_pi else ATTACH)
@@ -529,28 +583,49 @@ def _absent(examined: Examined, *, has_any: bool) -> Iterator[Diagnosis]:
         yield fine("no camera is found, and the configuration needs none")
 
 
-def _unread_ribbon(examined: Examined) -> Diagnosis:
-    if not examined.imports.lacks("picamera2"):
-        return unknown(
-            "the kernel knows a ribbon camera, and libcamera does not list it",
-            "`rpicam-hello --list-cameras`; mend the libraries first, if one does not load",
-        )
-    return wrong("a ribbon camera is there, and this Python does not see the library picamera2", picamera2_remedy())
-
-
 def pins(examined: Examined) -> Iterator[Diagnosis]:
-    """Tell whether pins can be driven."""
-    computer, are_needed = examined.computer, bool(examined.configured.pins)
+    """Tell whether a Pi's pins can be driven, and those of the configuration; without a Pi, `check` says it."""
+    computer = examined.computer
     if not computer.is_pi:
-        if are_needed:
-            yield wrong("the configuration drives pins, and this is no Raspberry Pi", "run it on one")
-    elif examined.imports.lacks(extras.LIBRARIES["pi"]):
-        judged = wrong if are_needed else warning
-        yield judged("the library lgpio, which drives pins, is not installed", extras.install_line("pi"))
+        return
+    if examined.imports.lacks(extras.LIBRARIES["pi"]):
+        yield warning("the library lgpio, which drives pins, is not installed", f"`{extras.install_line('pi')}`")
     elif not computer.has("/dev/gpiochip0"):
         yield wrong("there is no /dev/gpiochip0", "`sudo apt full-upgrade`, and restart: the kernel has no driver")
     else:
         yield fine("pins are driven through lgpio")
+        yield from _taken_pins(examined)
+
+
+def _taken_pins(examined: Examined) -> Iterator[Diagnosis]:
+    """Tell which pins of the configuration the system takes at its start, or a driver or program holds now."""
+    computer, lines = examined.computer, {gpio: line for line, gpio in _pins_of_lines(examined.computer)}
+    # As gpiozero chooses it.
+    number = 4 if "Pi 5 " in computer.model and computer.has("/dev/gpiochip4") else 0
+    for gpio, name in examined.configured.pins.items():
+        holder, seen = "", f"GPIO {gpio} of '{name}'"
+        with suppress(OSError):  # not this user's to ask, which the groups say
+            holder = computer.find_holder(computer.at(f"/dev/gpiochip{number}"), gpio)
+        if gpio in lines:
+            remedy = f"another pin for '{name}'; or put # before that line, and restart"
+            yield wrong(f"{seen} is taken by the line {lines[gpio]}", remedy)
+        elif holder and not (holder == "lg" and computer.is_active(UNIT)):
+            seen = f"{seen} is held by '{holder}', as the kernel calls it"
+            close = f"close that program (`sudo fuser -v /dev/gpiochip{number}` names it), or switch off that driver"
+            yield wrong(seen, f"{close}; or another pin for '{name}'")
+
+
+def _pins_of_lines(computer: Computer) -> Iterator[tuple[str, int]]:
+    """Yield each line of config.txt that takes pins, with each of them, save what stands below a filter for others."""
+    board, is_ours = re.search(r"Pi (?:Compute Module )?(\d|Zero)", computer.model), True
+    filters = ("[all]", f"[pi{board[1].replace('Zero', '0') if board else ''}")
+    file = CONFIG_TXT if computer.has(CONFIG_TXT) else "/boot/config.txt"
+    for line in map(str.strip, computer.text(file).splitlines()):
+        is_ours = line.startswith(filters) if line.startswith("[") else is_ours
+        given = dict(re.findall(r",(\w+)=(\d+)", line))
+        for overlay, parameter in _SETTING.findall(line) if is_ours and not line.startswith("#") else ():
+            for choice, gpio in TAKES_PINS.get(overlay or parameter, {}).items():
+                yield f"`{line}` of {file}", int(given.get(choice, gpio))
 
 
 def serial(examined: Examined) -> Iterator[Diagnosis]:
@@ -560,7 +635,7 @@ def serial(examined: Examined) -> Iterator[Diagnosis]:
     if computer.is_pi and console:
         is_on_header = console[1] in ON_HEADER
         where = f"{console[1]} (GPIO 14 and 15)" if is_on_header else console[1]
-        if console[1] in map(computer.node, configured.ports) or (is_on_header and {14, 15} & configured.pins):
+        if console[1] in map(computer.node, configured.ports) or (is_on_header and {14, 15} & configured.pins.keys()):
             yield wrong(
                 f"the system's console is on {where}, which the configuration uses",
                 "`sudo raspi-config nonint do_serial_cons 1`, and restart",
@@ -609,7 +684,8 @@ def broker(examined: Examined) -> Iterator[Diagnosis]:
     if messenger is None or not isinstance(messenger.options, ReachesItsPeer):
         return
     if trouble := messenger.options.reach():
-        yield wrong(trouble, f"{extras.guide('troubleshooting.md')} says what to do")
+        seen, _, remedy = trouble.partition("; ")
+        yield wrong(seen, remedy or f"{extras.guide('troubleshooting.md')} says what to do")
     else:
         yield fine("the broker takes the connection with the configuration's login")
 
