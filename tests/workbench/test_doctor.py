@@ -112,10 +112,10 @@ class TestDisk:
         return [each for each in found if each.severity is not FINE]
 
     @staticmethod
-    def follow(found: Diagnosis) -> None:
-        """Run the command of a remedy, as root."""
+    def follow(found: Diagnosis) -> str:
+        """Run the command of a remedy without `sudo`; return what it prints."""
         command = re.sub(r"\bsudo ", "", found.remedy.split("`")[1])
-        subprocess.run(["sh", "-c", command], check=True, env={**os.environ, "USER": "root"})
+        return subprocess.run(["sh", "-c", command], check=True, capture_output=True, text=True).stdout
 
     @pytest.mark.skipif(os.geteuid() != 0, reason="gives a file to another user")
     def test_a_state_of_another_user_is_given_back_by_the_remedy(self, tmp_path: Path, state: Path) -> None:
@@ -134,7 +134,7 @@ class TestDisk:
         assert (found.severity, f"chown -R $USER {state}`" in found.remedy) == (WRONG, True)
 
     @pytest.mark.skipif(os.geteuid() != 0, reason="mounts a file system")
-    def test_a_read_only_disk_is_mounted_anew_by_the_remedy(self, tmp_path: Path, state: Path) -> None:
+    def test_a_disk_that_is_read_only_or_full_is_mended_by_the_remedy(self, tmp_path: Path, state: Path) -> None:
         mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "none", state], capture_output=True, check=False)
         if mounted.returncode:
             pytest.skip(f"no file system can be mounted here: {mounted.stderr.decode()}")
@@ -143,6 +143,9 @@ class TestDisk:
             assert (found.severity, "is on a read-only disk" in found.seen) == (WRONG, True)
             self.follow(found)
             assert self.troubles(tmp_path) == []
+            (state / "large.mcap").write_bytes(bytes(100_000))
+            full = replace(PC, free_bytes=0)
+            assert "large.mcap" in self.follow(only(full, tmp_path / "root", "disk", CONFIG / "demo.toml"))
         finally:
             subprocess.run(["umount", state], check=True)
 

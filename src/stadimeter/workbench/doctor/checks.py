@@ -414,7 +414,7 @@ COOL = "a heat sink or a fan, and air around the board"
 # To load the libraries takes a Zero 2 W some seconds.
 SPEED_S = 30.0
 LOW_BYTES, FULL_BYTES = 500e6, 1e6
-REMOUNT = '`sudo mount -o remount,rw "$(findmnt -no TARGET -T {})"`; if that does not last, another memory card'
+REMOUNT = "`sudo mount -o remount,rw {}`; if that does not last, another memory card"
 
 
 def system(examined: Examined) -> Iterator[Diagnosis]:
@@ -477,16 +477,16 @@ def disk(examined: Examined) -> Iterator[Diagnosis]:
     except OSError as error:
         yield unknown(f"the free space of {folder}: {error.strerror}")
         return
-    owner = f"--reference={folder}"
+    owner, mounted = f"--reference={folder}", f'"$(findmnt -no TARGET -T {there})"'
     is_ours = examined.configured.configuration is not None and (computer.is_root or not examined.is_of_service)
     if is_ours and not os.access(there, os.W_OK):
         others, owner = [there], "$USER"
     if is_read_only:
-        yield wrong(f"{folder} is on a read-only disk: nothing that alarms remember is kept", REMOUNT.format(there))
+        yield wrong(f"{folder} is on a read-only disk: nothing that alarms remember is kept", REMOUNT.format(mounted))
     elif others:
         seen = f"{others[0]} belongs to another user: nothing that alarms remember is kept"
         yield wrong(seen, f"`sudo mkdir -p {folder} && sudo chown -R {owner} {folder}`")
-    remedy = "delete old journals and recordings (`sudo du -xh / | sort -h | tail` finds what is large)"
+    remedy = f"delete old journals and recordings (`sudo du -axh {mounted} | sort -h | tail` finds what is large)"
     judged = wrong if free < FULL_BYTES else warning
     seen = f"{free / 1e9:.1f} GB are free for {folder}"
     yield fine(seen) if free >= LOW_BYTES else judged(seen, remedy)
