@@ -114,7 +114,7 @@ def test_a_picture_without_the_thing_is_left_out_with_its_reason(camera, tmp_pat
     cv2.imwrite(str(tmp_path / "c.png"), NOTHING)
     result = _run(*steps, "--camera", camera, *BALL, "--json")
     assert result.returncode == 1
-    assert result.stderr.startswith(f"left out: {tmp_path / 'c.png'}: no pixel")
+    assert result.stderr.startswith(f"left out: {tmp_path / 'c.png'}: the picture is grey")
     answer = json.loads(result.stdout)
     assert answer["diameter_m"] == pytest.approx(DIAMETER_M, rel=0.05)
     assert answer["tolerance_m"] == pytest.approx(answer["sigma_share"] * answer["diameter_m"])

@@ -348,13 +348,13 @@ def test_eyes_that_look_at_the_camera_are_at_their_distance_beside_the_axis_too(
     assert reading.noise_share == pytest.approx(0.04)
 
 
-def test_the_spread_of_sizes_stays_and_the_noise_of_the_box_does_not() -> None:
+def test_the_spread_of_sizes_stays_and_so_does_half_of_the_variance_of_a_box() -> None:
     shape = UprightShape(known="height", length_m=1.72, relative_sigma=0.07 / 1.72, box_sigma=0.04)
     measured = measure(seen_length(CAMERA, [(0, -0.86, 4), (0, 0.86, 4)], "height"), shape, CAMERA, 0.0)
     parts = sigma_parts(measured, shape, CAMERA)
     assert parts.size_m == pytest.approx(4.0 * 0.07 / 1.72)
     assert parts.edges_m == measured.noise_m == pytest.approx(0.04 * 4.0)
-    assert parts.pose_m == 0.0
+    assert parts.pose_m == pytest.approx(0.04 * 4.0 / math.sqrt(2))
 
 
 def test_a_shape_says_what_is_known_of_it_and_how_exactly_it_may_be_seen() -> None:

@@ -113,7 +113,7 @@ def sighted(
     for number, (bearing_rad, elevation_rad) in enumerate(directions_rad):
         at_s = 10.0 + number * frame_s
         seen = track(bearing_rad=bearing_rad, elevation_rad=elevation_rad, measured_at_s=at_s, as_of_s=at_s, **changes)
-        motion = follow(motion, seen)
+        motion = follow(motion, seen, BALL)
         yield seen, motion
 
 
@@ -162,9 +162,9 @@ def test_a_target_that_comes_back_after_a_gap_has_no_motion() -> None:
     (seen, motion), *_ = list(sighted([(0.0, 0.0), (0.05, 0.0)]))[1:]
     assert motion.bearing_radps == pytest.approx(1.5)
     later = track(measured_at_s=10.0 + 1 / 30 + UNSEEN_MAX_S + 0.01)
-    assert follow(motion, later).step_s == 0
-    assert follow(motion, replace(seen, status=TrackStatus.LOST)) is None
-    assert follow(motion, seen) is motion, "the same sighting tells nothing new"
+    assert follow(motion, later, BALL).step_s == 0
+    assert follow(motion, replace(seen, status=TrackStatus.LOST), BALL) is None
+    assert follow(motion, seen, BALL) is motion, "the same sighting tells nothing new"
 
 
 def test_a_target_that_jumps_is_expected_where_it_is_then_as_if_it_was_new() -> None:
