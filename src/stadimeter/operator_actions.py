@@ -59,11 +59,6 @@ class OperatorAction(StrEnum):
         return self is OperatorAction.CLIP
 
     @property
-    def is_timed(self) -> bool:
-        """True if it takes a duration."""
-        return "for_s" in self.takes
-
-    @property
     def needs_value(self) -> bool:
         """True if it takes a value, so that it is for one rule and for no button."""
         return "value" in self.takes
