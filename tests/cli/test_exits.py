@@ -60,6 +60,20 @@ def test_it_is_a_good_end_when_the_reader_is_gone(monkeypatch, stream, number):
     assert end.exit_code == DONE
 
 
+def test_it_is_a_good_end_when_rich_finds_the_reader_gone():
+    """It raises SystemExit in place of the error of the pipe, as `stadimeter doctor | head` shows."""
+    script = "from rich.console import Console; from stadimeter.cli.exits import plain_errors\n"
+    script += "with plain_errors():\n    for line in range(99999): Console().print(line)"
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing, "wb") as gone:
+        done = subprocess.run(
+            [sys.executable, "-c", script], stdout=gone, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert "asked for the end of the program" not in done.stderr
+    assert done.stderr.splitlines()[-1].endswith("Exit: 0"), "what the command line ends quietly with"
+
+
 def failed_allocation():
     try:
         cv2.resize(np.zeros((1, 1), np.uint8), (2**30, 2**30))

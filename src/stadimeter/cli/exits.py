@@ -61,6 +61,8 @@ def plain_errors() -> Iterator[None]:
 
 def _replace_error(error: BaseException) -> Exception | None:
     """Return the exception that ends the command instead of an uncaught error; None if that error does."""
+    if isinstance(error, SystemExit) and isinstance(error.__context__, BrokenPipeError):  # Rich's, in place of it
+        return typer.Exit(DONE)
     if isinstance(error, SystemExit):  # nothing of ours ends that way, and the program would end without a word
         return RuntimeError(f"a driver or library asked for the end of the program: {error!r}")
     if _is_out_of_memory(error):
