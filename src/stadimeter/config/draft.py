@@ -202,7 +202,7 @@ class Draft(ConfiguredParts, kw_only=True):
     @property
     def implied_targets(self) -> tuple[str, ...]:
         """The targets, of which the first is meant where none is named: of several of one kind the nearest one."""
-        nearest = [each.name for each in self.nearest if not each.is_farthest]
+        nearest = [each.name for each in self.nearest if not each.is_farthest and len(each.members) > 1]
         return (*(nearest if len(self.tables("targets")) == 1 else ()), *self.names("targets"))
 
     def expanded(self, names: Iterable[str]) -> tuple[str, ...]:

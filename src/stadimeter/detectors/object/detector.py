@@ -243,7 +243,8 @@ class ObjectDetector:
             scene = None
         since_s = math.inf if scene is None else frame.captured_at_s - scene.looked_at_s
         is_on_sensor = self._search.load is None
-        if scene is None or scene.lost or since_s >= self._search.every_s or (is_on_sensor and frame.boxes is not None):
+        is_due = frame.boxes is not None if is_on_sensor else scene is None or bool(scene.lost)
+        if is_due or since_s >= self._search.every_s or scene is None:
             self._scene = self._look(frame, scene, prediction)
         else:
             followed, lost, why = self._followed(frame, scene, prediction)
@@ -282,8 +283,11 @@ class ObjectDetector:
             small = (each for each in things if self._is_small(each, seen.frame, size))
             return tuple(part_around(np.array(each.corners), image, size) for each in small)
 
-        parts = around(seen.lost or (seen.things if is_odd else ()))
-        if is_odd and not seen.lost and not parts and len(seen.things) < self.most:
+        # Every other look is at all of the picture, whatever was lost: someone else may have come near.
+        parts = around(seen.lost or seen.things) if is_odd else ()
+        if len(parts) < len(seen.lost):  # a part of the picture shows not all of them
+            parts = ()
+        elif is_odd and not parts and len(seen.things) < self.most:
             parts = (*around(doubtful), *tiles(image, size))
         return parts[(seen.looks - 1) // 2 % len(parts)] if parts else Region.whole(image)
 
@@ -316,6 +320,7 @@ class ObjectDetector:
         Of two boxes of one thing the more exact one stays. A thing is gone if the network looked where it is, as
         closely as when it saw it, and does not see it, twice in a row: they miss some people now and then.
         """
+        is_whole = part == Region.whole(scene.frame.image)
         known, things, doubtful = list(scene.things), [], list(scene.doubtful)
         for index in range(len(found.scores)):
             box = found.take(np.array([index]))
@@ -330,9 +335,15 @@ class ObjectDetector:
                 at_s = scene.frame.captured_at_s
                 best = min(thing, same, key=lambda each: self._noise_share(each, at_s))
                 things.append(replace(best, is_missed=False))
-            elif part == Region.whole(scene.frame.image) or not _is_within(thing, known):
+            elif is_whole or not _is_within(thing, [*known, *things]):
                 things.append(thing)
-        missed = [each for each in known if _should_show(part, each, found.scale, scene.frame)]
+        missed = [
+            each
+            for each in known
+            if _should_show(part, each, found.scale, scene.frame)
+            # What was cut off has left, or is seen anew in the whole picture; no closer look is taken at it.
+            or (is_whole and each.seen_at_s < scene.frame.captured_at_s and self._cut_side(each, scene.frame))
+        ]
         things += [each for each in known if each not in missed]
         things += [replace(each, is_missed=True) for each in missed if not each.is_missed]
         things.sort(key=lambda each: -each.length_px(self._shape.known))
@@ -538,9 +549,15 @@ def _should_show(part: Region, thing: Thing, scale: float, frame: Frame) -> bool
         return False
     if part == Region.whole(frame.image):
         return True
-    (x, y), half = thing.place.centre_px, (part.right - part.left) / 4
-    is_central = abs(x - (part.left + part.right) / 2) <= half and abs(y - (part.top + part.bottom) / 2) <= half
-    return is_central and not cut_by(part, np.array([thing.corners]), frame.image, scale)[0]
+    # From each side of the part that is none of the picture, a quarter of the part away.
+    (x, y), quarter = thing.place.centre_px, (part.right - part.left) / 4
+    inside = (
+        part.left == 0 or x - part.left >= quarter,
+        part.top == 0 or y - part.top >= quarter,
+        part.right == frame.width_px or part.right - x >= quarter,
+        part.bottom == frame.height_px or part.bottom - y >= quarter,
+    )
+    return all(inside) and not cut_by(part, np.array([thing.corners]), frame.image, scale)[0]
 
 
 def _starts(thing: Thing, prediction: Prediction | None) -> list[BoxPlace]:
