@@ -98,8 +98,10 @@ def check(current: Path, configuration: Path) -> None:
     words = ("-s", "-m", "stadimeter", "check", configuration)
     ours = run(sys.executable, *words, "--elsewhere")
     theirs = current / "bin/python3"
-    if theirs.exists() and (lacking := _lacking(run(sys.executable, *words)) - _lacking(run(theirs, *words))):
-        raise FailedError(f"{configuration} needs what the version that runs has:\n{'; '.join(sorted(lacking))}")
+    lacks = run(sys.executable, *words)
+    if theirs.exists() and (lacking := _lacking(lacks) - _lacking(run(theirs, *words))):
+        said = [line for line in (lacks.stdout + lacks.stderr).splitlines() if any(each in line for each in lacking)]
+        raise FailedError("\n".join((f"{configuration} needs what the version that runs has:", *said)))
     if ours.returncode == 0:
         return
     sentence = (ours.stderr or ours.stdout).strip()
@@ -109,8 +111,8 @@ def check(current: Path, configuration: Path) -> None:
 
 
 def _lacking(checked: subprocess.CompletedProcess[str]) -> set[str]:
-    """Return what a check says of libraries that are not installed, with the command that installs each."""
-    return set(re.findall("the library .* is not installed: .*", checked.stdout + checked.stderr))
+    """Return the libraries that a check says are not installed."""
+    return set(re.findall(r"the library (\S+) is not installed", checked.stdout + checked.stderr))
 
 
 def main(current: str, configuration: str) -> None:

@@ -21,8 +21,8 @@ GOOD = sorted(FOLDER.glob("*.good.toml"))
 SAID = re.compile(r"# (error|warning) ([a-z-]+): (.+)$")
 
 CLASSES = {
-    "bad-value", "driver", "equal-priority", "feet-cut", "height-unknown", "motion-blind", "never-true",
-    "output-unused", "pin-taken", "reference-cycle", "shadowed", "unheard", "unknown-key", "unknown-name",
+    "bad-value", "driver", "equal-priority", "feet-cut", "height-unknown", "model-missing", "motion-blind",
+    "never-true", "output-unused", "pin-taken", "reference-cycle", "shadowed", "unheard", "unknown-key", "unknown-name",
     "unreachable", "unresolvable",
 }  # fmt: skip
 """The codes that programs may rely on."""

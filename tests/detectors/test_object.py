@@ -21,8 +21,10 @@ from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan, Safety
 from stadimeter.core.rule import AlarmRule
 from stadimeter.detectors.object import BOX_SIGMA, EYES_SIGMA, ObjectOptions
+from stadimeter.detectors.object import detector as detector_module
 from stadimeter.detectors.object.detector import ObjectDetector
 from stadimeter.detectors.object.families import EYES_SIGMA_PX, PERSON_SIGMA_PX, recognise
+from stadimeter.detectors.object.following import FollowedBox
 from stadimeter.detectors.object.model_file import MODEL_MAX_BYTES, load_model, parse_model
 from stadimeter.detectors.object.network import Network, examine
 from stadimeter.errors import DriverError, UnreadableError
@@ -177,6 +179,36 @@ def test_a_box_at_the_border_of_a_part_is_no_person(networks: dict[str, Path]) -
     tall = (60, 40, 400)
     found = detector(networks["yolox"], count=3).detect_all(Frame(picture(tall), 0.0, 0, "hall.jpg"))
     assert [each.height_px for each in found] == [pytest.approx(400, abs=3)]
+
+
+def test_a_far_one_that_cannot_be_followed_hides_no_near_one(
+    networks: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(detector_module, "take_pattern", lambda *_: "it is plain")
+    it = detector(networks["yolox"], every="0.2 s")
+    it.detect(Frame(picture(TINY), 0.0, 0, "hall.jpg"))
+    seen = [it.detect(at(number / 5, TINY, (400, 100, 300))).height_px for number in range(1, 5)]
+    assert any(height_px == pytest.approx(300, abs=3) for height_px in seen), seen
+
+
+@pytest.mark.parametrize("left", [8, 100], ids=["near a border", "elsewhere"])
+def test_what_is_gone_is_given_up_though_it_seems_to_be_followed(
+    networks: dict[str, Path], monkeypatch: pytest.MonkeyPatch, left: int
+) -> None:
+    monkeypatch.setattr(detector_module, "follow_box", lambda _image, _pattern, near: FollowedBox(near, 0.0))
+    it = detector(networks["yolox"], every="0.2 s")
+    there = (left, 150, 24)
+    assert it.detect(Frame(picture(there), 0.0, 0, "hall.jpg")).status is DetectionStatus.FOUND
+    seen = [it.detect(at(number / 5)).status for number in range(1, 8)]
+    assert seen[-1] is DetectionStatus.NOT_FOUND
+
+
+def test_one_who_leaves_across_the_border_is_not_kept_as_cut_off(networks: dict[str, Path]) -> None:
+    it = detector(networks["yolox"], every="0.2 s")
+    for number in range(12):
+        it.detect(at(number / 10, (100, 380 + 6 * number, 80)))
+    assert it.detect(at(2.0)).status in {DetectionStatus.TRUNCATED, DetectionStatus.NOT_FOUND}
+    assert [it.detect(at(2.0 + number / 5)).status for number in range(1, 6)][-1] is DetectionStatus.NOT_FOUND
 
 
 def test_two_are_found_and_each_keeps_its_name(networks: dict[str, Path]) -> None:

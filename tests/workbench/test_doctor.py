@@ -442,10 +442,15 @@ class TestPins:
         assert self.taken(PI_4.with_files(config_txt=lines), tmp_path, 25) == []
         assert self.taken(PI_4.with_files(config_txt=lines.replace(line, f"#{line}")), tmp_path, gpio) == []
 
-    @pytest.mark.parametrize(("filtered", "is_ours"), [("pi4", True), ("pi5", False), ("none", False), ("all", True)])
+    @pytest.mark.parametrize(
+        ("filtered", "is_ours"), [("pi4", True), ("pi400", False), ("pi5", False), ("none", False), ("all", True)]
+    )
     def test_a_line_for_another_board_takes_no_pin(self, tmp_path: Path, filtered: str, is_ours: bool) -> None:
         captured = replace(PI_4, files={**PI_4.files, "/boot/config.txt": f"[{filtered}]\ndtoverlay=w1-gpio\n"})
         assert bool(self.taken(captured, tmp_path, 4)) is is_ours
+
+    def test_a_later_line_that_switches_it_off_frees_its_pins(self, tmp_path: Path) -> None:
+        assert self.taken(PI_4.with_files(config_txt="dtparam=spi=on\ndtparam=spi=off\n"), tmp_path, 8) == []
 
     def test_a_pin_that_is_held_says_by_whom(self, tmp_path: Path) -> None:
         held = replace(PI_4, holders={18: "lg"})

@@ -228,12 +228,6 @@ def _heights(draft: Draft) -> Iterator[Finding]:
     if on_floor and draft.base is not None and getattr(draft.base.options, "tilt", None) is not None:
         message = "the base tilts the camera, so its tilt above the floor is not known"
         yield Finding((BASE_NAME, "tilt"), message, "leave on_floor out, or the tilt of the base", "floor-unseen")
-    for target in draft.targets:
-        by_network = hasattr(target.options, "box_sigma") and not _is_size_unknown(target)
-        if by_network and target.name in standing:
-            message = "boxes by a network cut the feet, so the floor makes distances too long"
-            hint = "leave on_floor out: its size is known"
-            yield Finding(("targets", target.name, "on_floor"), message, hint, "feet-cut")
     if draft.camera_table.height is not None:
         return
     asks: list[KeyPath] = [*on_floor]
@@ -309,13 +303,14 @@ def _cameras(draft: Draft) -> Iterator[Finding]:
         return
     for target in draft.targets:
         table = draft.target_tables.get(target.name)
-        if table is not None and not table.on_floor and _is_size_unknown(target):
+        if table is not None and not table.on_floor and is_size_unknown(target):
             hint = "add a section [second_camera], write on_floor for what stands on the floor, or measure its size"
             message = "one camera measures no distance of a thing whose size is not known"
             yield Finding(("targets", target.name), message, hint, "size-unknown")
 
 
-def _is_size_unknown(target: DriverChoice) -> bool:
+def is_size_unknown(target: DriverChoice) -> bool:
+    """Check whether the size of a target is stated as unknown."""
     sigmas = (getattr(target.options, key, None) for key in ("tolerance", "height", "width", "eye_distance"))
     return any(getattr(each, "sigma_m", each) == math.inf for each in sigmas)
 

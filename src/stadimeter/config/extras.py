@@ -73,7 +73,9 @@ def install_line(extra: str) -> str:
 def of_system(package: str) -> str:
     """Return the command that installs a library of the system's packages, and lets this environment see it."""
     is_seen = sys.prefix.startswith(PACKAGED) or str(SYSTEM_PACKAGES) in sys.path
-    see = "" if is_seen else f" && python3 -m venv --system-site-packages {shlex.quote(sys.prefix)}"
+    # Anew in its place; where this Python is in no environment, beside it, or venv would replace that Python.
+    own = shlex.quote(sys.prefix) if sys.prefix != sys.base_prefix else "~/stadimeter-env"
+    see = "" if is_seen else f" && python3 -m venv --system-site-packages {own}"
     return f"sudo apt install {package}{see}"
 
 

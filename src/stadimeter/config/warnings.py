@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 from itertools import combinations
 from pathlib import Path
 
-from stadimeter.config.checks import are_apart, limits_on_one_figure, rule_names, written_conditions
+from stadimeter.config.checks import are_apart, is_size_unknown, limits_on_one_figure, rule_names, written_conditions
 from stadimeter.config.draft import BASE_NAME, Draft, output_path
 from stadimeter.config.driver_tables import validate
 from stadimeter.config.files import is_file
@@ -292,8 +292,28 @@ def _lens_centred(draft: Draft) -> Iterator[Finding]:
         yield Finding(("camera", "model"), words, "calibrate with a board", "off-centre")
 
 
+def _networks_named(draft: Draft) -> Iterator[Finding]:
+    """Find targets that leave the network to the sensor of a camera that has none."""
+    if draft.camera is None or getattr(draft.camera.options, "network", None) is not None:
+        return
+    for target in draft.targets:
+        if getattr(target.options, "model", "") is None:
+            message = "no network is named, and the camera has none on its sensor"
+            yield Finding(("targets", target.name), message, 'add such as model = "yolox_nano.onnx"', "model-missing")
+
+
+def _feet_cut(draft: Draft) -> Iterator[Finding]:
+    for target in draft.targets:
+        table = draft.target_tables.get(target.name)
+        by_network = hasattr(target.options, "box_sigma") and not is_size_unknown(target)
+        if by_network and table is not None and table.on_floor is not False:
+            message = "boxes by a network cut the feet, so the floor makes distances too long"
+            hint = "leave on_floor out: its size is known"
+            yield Finding(("targets", target.name, "on_floor"), message, hint, "feet-cut")
+
+
 _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
-    _contests, _rules_matter, _motion_blind, _empty_days,
+    _contests, _networks_named, _feet_cut, _rules_matter, _motion_blind, _empty_days,
     _outputs_used, _leases_long_enough, _camera_for_motion, _runs_on, _taken_pins, _clips_written, _lens_centred,
     rule_test_warnings, secret_warnings,
 )  # fmt: skip

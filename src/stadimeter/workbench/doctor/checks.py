@@ -31,7 +31,7 @@ from msgspec import Struct
 
 from stadimeter.app.clock import is_synchronised
 from stadimeter.app.live.health import FAILED_UPGRADE, throttling
-from stadimeter.app.places import SERVICE_STATE, state_file
+from stadimeter.app.places import SERVICE_STATE, STATE_ENDING, state_file
 from stadimeter.config import extras
 from stadimeter.errors import ConfigError, Problem, StadimeterError
 from stadimeter.messaging.protocol import ReachesItsPeer
@@ -473,7 +473,9 @@ def disk(examined: Examined) -> Iterator[Diagnosis]:
     there = next(each for each in (folder, *folder.parents) if os.path.lexists(each))
     try:
         free, is_read_only = computer.free_bytes(there), os.statvfs(there).f_flag & os.ST_RDONLY
-        others = [each for each in sorted(folder.glob("*")) if each.stat().st_uid != there.stat().st_uid]
+        others = [
+            each for each in sorted(folder.glob(f"*{STATE_ENDING}*")) if each.stat().st_uid != there.stat().st_uid
+        ]
     except OSError as error:
         yield unknown(f"the free space of {folder}: {error.strerror}")
         return
@@ -513,7 +515,7 @@ TAKES_PINS: dict[str, dict[str, int]] = {
     "hifiberry": _I2S, "i2s": _I2S, "i2c": _I2C, "i2c_arm": _I2C, "enable_uart": {"tx": 14, "rx": 15},
     "spi": {"ce1": 7, "ce0": 8, "miso": 9, "mosi": 10, "clock": 11},
 }  # fmt: skip
-_SETTING = re.compile(r"^dtoverlay=(hifiberry|[\w-]+)|\b(\w+)=(?:on|1|yes|true)\b")
+_SETTING = re.compile(r"^dtoverlay=(hifiberry|[\w-]+)|\b(\w+)=(?:on|1|yes|true|(off|0|no|false))\b")
 
 ATTACH = "plug one in, or try another socket and cable; `ls /dev/video*` lists those that the kernel knows"
 ATTACH_TO_PI = (
@@ -617,15 +619,21 @@ def _taken_pins(examined: Examined) -> Iterator[Diagnosis]:
 
 def _pins_of_lines(computer: Computer) -> Iterator[tuple[str, int]]:
     """Yield each line of config.txt that takes pins, with each of them, save what stands below a filter for others."""
-    board, is_ours = re.search(r"Pi (?:Compute Module )?(\d|Zero)", computer.model), True
-    filters = ("[all]", f"[pi{board[1].replace('Zero', '0') if board else ''}")
+    board, is_ours = re.search(r"Pi (?:Compute Module )?(\d|Zero)(00)?", computer.model), True
+    number = board[1].replace("Zero", "0") if board else "none"
+    kinds = ("pi", "cm") if "Compute" in computer.model else ("pi",)
+    filters = {"[all]", "[pi400]" if board and board[2] else "", *(f"[{kind}{number}]" for kind in kinds)}
+    filters |= {"[pi0w]", "[pi02]"} if number == "0" else set()
+    taken: dict[str, list[tuple[str, int]]] = {}
     file = CONFIG_TXT if computer.has(CONFIG_TXT) else "/boot/config.txt"
     for line in map(str.strip, computer.text(file).splitlines()):
-        is_ours = line.startswith(filters) if line.startswith("[") else is_ours
+        is_ours = line in filters if line.startswith("[") else is_ours
         given = dict(re.findall(r",(\w+)=(\d+)", line))
-        for overlay, parameter in _SETTING.findall(line) if is_ours and not line.startswith("#") else ():
-            for choice, gpio in TAKES_PINS.get(overlay or parameter, {}).items():
-                yield f"`{line}` of {file}", int(given.get(choice, gpio))
+        for overlay, parameter, is_off in _SETTING.findall(line) if is_ours and not line.startswith("#") else ():
+            pins = {} if is_off else TAKES_PINS.get(overlay or parameter, {})
+            places = [(f"`{line}` of {file}", int(given.get(choice, gpio))) for choice, gpio in pins.items()]
+            taken[overlay or parameter] = places
+    yield from (each for places in taken.values() for each in places)
 
 
 def serial(examined: Examined) -> Iterator[Diagnosis]:
