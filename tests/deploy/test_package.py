@@ -330,7 +330,7 @@ class TestUpgrade:
         assert why in done.stderr
         assert version(root) == full("1.0")
         assert unit.read_bytes() == before
-        assert not with_systemd.exists()
+        assert with_systemd.read_text().splitlines() == [f"daemon-reload with {full('1.0')}"], "nothing is stopped"
         assert running.poll() is None
         root.run("stadimeter", "status", "--socket", "/run/stadimeter/appliance.sock")
         root.run("stadimeter", "reload", "--socket", "/run/stadimeter/appliance.sock")
