@@ -223,7 +223,7 @@ class Draft(ConfiguredParts, kw_only=True):
         """Suggest what to write in place of a target that there is none of."""
         group = next((each for each in self.groups if name == each or name.startswith(f"{each}-")), None)
         if group is None:
-            return did_you_mean_or_list(name, self.target_names)
+            return did_you_mean_or_list(name, (*self.groups, *self.target_names))
         members = " to ".join(dict.fromkeys((self.groups[group][0], self.groups[group][-1])))
         return f"'{group}' stands for {members}: name one, or {group}-nearest or {group}-farthest"
 

@@ -144,7 +144,7 @@ class Thing(Struct, frozen=True, kw_only=True, eq=False):
         return tuple(one), tuple(other)
 
     def length_px(self, known: KnownLength) -> float:
-        """Return how long its known length is."""
+        """Return the pixels that its known length takes."""
         left, top, right, bottom = self.corners
         if known == "eye_distance" and self.eyes is not None:
             return max(math.dist(*self.eyes), 1e-6)
@@ -243,8 +243,8 @@ class ObjectDetector:
             scene = None
         since_s = math.inf if scene is None else frame.captured_at_s - scene.looked_at_s
         is_on_sensor = self._search.load is None
-        is_due = frame.boxes is not None if is_on_sensor else scene is None or bool(scene.lost)
-        if is_due or since_s >= self._search.every_s or scene is None:
+        is_asked = frame.boxes is not None if is_on_sensor else scene is not None and bool(scene.lost)
+        if scene is None or is_asked or since_s >= self._search.every_s:
             self._scene = self._look(frame, scene, prediction)
         else:
             followed, lost, why = self._followed(frame, scene, prediction)
@@ -327,7 +327,7 @@ class ObjectDetector:
             short_px = float((box.corners[0, 2:] - box.corners[0, :2]).min())
             is_likely = box.scores[0] >= self._search.min_score and short_px >= MIN_SIDE_PX
             thing = self._first(box, scene.frame, is_likely=bool(is_likely))
-            same = next(iter(sorted(known, key=lambda each: -_overlap(each, thing))), None)
+            same = max(known, key=lambda each: _overlap(each, thing), default=None)
             if not is_likely:
                 doubtful.append(thing)
             elif same is not None and _overlap(same, thing) >= SAME_OVERLAP:
@@ -335,7 +335,7 @@ class ObjectDetector:
                 at_s = scene.frame.captured_at_s
                 best = min(thing, same, key=lambda each: self._noise_share(each, at_s))
                 things.append(replace(best, is_missed=False))
-            elif is_whole or not _is_within(thing, [*known, *things]):
+            elif is_whole or not _is_within(thing, (*scene.things, *things)):
                 things.append(thing)
         missed = [
             each
@@ -529,7 +529,7 @@ def _overlap(one: Thing, other: Thing) -> float:
     return float(overlaps(np.array(one.corners), np.array([other.corners]))[0])
 
 
-def _is_within(thing: Thing, others: list[Thing]) -> bool:
+def _is_within(thing: Thing, others: tuple[Thing, ...]) -> bool:
     """Check whether a box is part of a larger one."""
     one = np.array(thing.corners)
     for each in others:
