@@ -264,5 +264,8 @@ def test_several_balls_are_set_up_counted_and_measured_each_by_its_name(tmp_path
         "measure", tmp_path / "three.png", "--config", tmp_path / "stadimeter.toml", "--between", "balls-1,balls-3"
     )
     assert "balls-1" in between.stdout.splitlines()[-1]
-    ran = typed("run", tmp_path / "stadimeter.toml", "--no-state", "--speed", "0", "--seconds", "3")
+    run = ("run", tmp_path / "stadimeter.toml", "--no-state", "--speed", "0", "--seconds", "3")
+    ran = typed(*run, "--record", tmp_path / "run.mcap")
     assert "crowd raised" in ran.stdout
+    # Nobody searches for the nearest: it is one of them.
+    assert "no frame was searched for" not in typed("replay", tmp_path / "run.mcap").stderr

@@ -147,7 +147,7 @@ def replay_beside(new: ReplayRun, old: ReplayRun | None = None) -> Replay:
 def _warnings(source: AnyRecording, run: ReplayRun, found: Replay) -> Iterator[str]:
     if source.is_cut_off():
         yield f"{source.path}: its end is missing; the {found.trial.cycles} whole cycles are used"
-    missing = sorted(set(run.configuration.plan.targets) - found.targets)
+    missing = sorted(set(run.configuration.plan.measured_targets) - found.targets)
     if found.frames and missing:
         yield f"{source.path}: no frame was searched for {', '.join(repr(name) for name in missing)}"
     if run.from_images and found.frames < found.recorded_frames:
