@@ -103,17 +103,31 @@ def test_a_network_of_each_family_finds_the_box_in_both_engines(
 @pytest.mark.parametrize("family", FACES)
 def test_a_face_is_measured_by_its_eyes(networks: dict[str, Path], family: str) -> None:
     through = ThroughLens(detector(networks[family], eye_distance="63.4 mm ± 3.8 mm"), CAMERA)
-    frame = at(0, (150, 150, 200))
+    frame = Frame(picture(), 0.0, 0)
+    put_figure(frame.image, bright_figure(130, 120), 150, 150)
     found, measured = through.detect(frame), through.measure(frame)
-    # The eyes are 0.4 widths of 80 px apart, at 0.4 of the height; CenterFace would mark them further apart.
+    # The eyes are 0.4 widths of 120 px apart, at 0.4 of the height; CenterFace would mark them further apart.
     apart = 1.05 if family == "centerface" else 1.0
-    assert found.width_px == pytest.approx((EYES[1][0] - EYES[0][0]) * 80 / apart, abs=1)
-    assert found.centre_px == pytest.approx((189.5, 229.5), abs=1.5)
-    assert measured.distance_m == pytest.approx(0.0634 * 600 / 32 * apart, rel=0.05)
+    assert found.width_px == pytest.approx((EYES[1][0] - EYES[0][0]) * 120 / apart, abs=1)
+    assert found.centre_px == pytest.approx((209.5, 201.5), abs=1.5)
+    assert measured.distance_m == pytest.approx(0.0634 * 600 / 48 * apart, rel=0.05)
     of_pixels = EYES_SIGMA_PX / (found.width_px * (0.4 if family == "yunet" else SCALE))
     assert measured.sigma_m / measured.distance_m == pytest.approx(
         math.hypot(3.8 / 63.4, EYES_SIGMA, of_pixels), rel=0.02
     )
+
+
+@pytest.mark.parametrize("family", FACES)
+def test_a_face_in_profile_is_no_further_away_and_less_sure(networks: dict[str, Path], family: str) -> None:
+    front, profile = Frame(picture(), 0.0, 0), Frame(picture(), 1.0, 1)
+    put_figure(front.image, bright_figure(120, 110), 150, 150)
+    put_figure(profile.image, bright_figure(120, 40), 150, 150)  # the eyes are 13 % of the height apart
+    through = ThroughLens(detector(networks[family], eye_distance="63.4 mm ± 3.8 mm"), CAMERA)
+    known, turned = through.measure(front), through.measure(profile)
+    assert turned.distance_m == pytest.approx(known.distance_m, rel=0.15)
+    assert turned.sigma_m / turned.distance_m > 0.12 > known.sigma_m / known.distance_m
+    assert "looks aside: measured by the height of its box" in through.detect(profile).reason
+    assert through.detect(front).reason == ""
 
 
 def test_the_distance_of_a_person_follows_from_its_height_and_the_spread_is_in_its_sigma(
