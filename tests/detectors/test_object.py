@@ -293,7 +293,7 @@ def test_with_a_prediction_the_nearest_is_taken_and_without_one_the_one_that_was
     expected = Prediction(centre_px=(106, 265), size_px=230, sigma_px=3)
     assert it.detect(at(0, *both), expected).height_px == pytest.approx(230, abs=3)
     later = it.detect(at(0.3, *both))  # once a second the whole picture is searched without a prediction
-    assert (later.height_px, later.reason) == (pytest.approx(230, abs=3), "the one of 2 that the network saw last")
+    assert (later.height_px, later.reason) == (pytest.approx(230, abs=3), "the one of 2 where it was expected")
 
 
 def test_one_that_is_surely_nearer_takes_the_place_of_the_one_that_is_followed(networks: dict[str, Path]) -> None:

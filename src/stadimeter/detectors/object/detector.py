@@ -402,7 +402,7 @@ class ObjectDetector:
         whole = np.array([not self._cut_side(each, frame) for each in things])
         known = np.array([each.length_px(self._shape.known) for each in things])
         corners = np.array([each.corners for each in things])
-        expected, remark = self._expected(corners, prediction, before, frame)
+        expected = self._expected(corners, prediction, before, frame)
         if expected is None:
             areas = (corners[:, 2:] - corners[:, :2]).prod(axis=1)
             return int(np.where(whole, areas, areas * 1e-9).argmax()), f"the largest of {count} in view"
@@ -411,21 +411,19 @@ class ObjectDetector:
         both = math.hypot(*(self._noise_share(things[each], at_s) for each in (nearest, expected)))
         if whole[nearest] and known[nearest] > (1 + NEARER_SIGMAS * both) * known[expected]:
             return nearest, f"the nearest of {count}"
-        return expected, f"the one of {count} that {remark}"
+        return expected, f"the one of {count} where it was expected"
 
     def _expected(
         self, corners: Values, prediction: Prediction | None, before: Scene | None, frame: Frame
-    ) -> tuple[int | None, str]:
-        """Return the box of the one that is followed, and why it is that; None where none is."""
-        if prediction is not None and all(map(math.isfinite, prediction.centre_px)):
-            off = np.abs((corners[:, :2] + corners[:, 2:]) / 2 - prediction.centre_px).max(axis=1)
-            return int(off.argmin()), "is nearest to where it was expected"
-        if before is None or not before.things or not (before.frame is frame or before.precedes(frame)):
-            return None, ""
-        if frame.captured_at_s - before.looked_at_s > self._search.every_s + MEANT_FOR_S:
-            return None, ""
-        common = overlaps(np.array(before.things[0].corners), corners)
-        return (int(common.argmax()), "the network saw last") if common.max() > 0 else (None, "")
+    ) -> int | None:
+        """Return the box nearest to where the one that is followed should be, or was of late; None where none is."""
+        place = None if prediction is None else prediction.centre_px
+        if place is None and before is not None and before.things and (before.frame is frame or before.precedes(frame)):
+            is_recent = frame.captured_at_s - before.looked_at_s <= self._search.every_s + MEANT_FOR_S
+            place = before.things[0].place.centre_px if is_recent else None
+        if place is None:
+            return None
+        return int(np.abs((corners[:, :2] + corners[:, 2:]) / 2 - place).max(axis=1).argmin())
 
     @property
     def _sigma_px(self) -> float:
