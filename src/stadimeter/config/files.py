@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import re
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -16,9 +18,6 @@ from stadimeter.errors import PictureError, UnreadableError
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-import errno
-from collections.abc import Mapping
-from contextlib import ExitStack, suppress
 
 # Reads files that anybody may have made, and says how large each kind may be: the one place for both ------------------
 #

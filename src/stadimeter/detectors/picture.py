@@ -45,8 +45,8 @@ from stadimeter.ranging.flat import PictureShape
 #
 # Key points with SIFT descriptors (D. Lowe, "Distinctive image features from scale-invariant keypoints", 2004) of
 # the picture, at some sizes and turned away to some sides, are matched with those of the frame. Three of them make
-# an affine map; the one that most of the others agree with says about where the picture is.
-# `stadimeter.detectors.picture. alignment` judges that, and measures it.
+# an affine map; the one that most of the others agree with says about where the picture is. `align` judges that, and
+# measures it.
 
 # The picture is described as it looks at these lengths of its longer side, in pixels, straight and turned away to four
 # sides, by which it is squeezed as by a tilt of 53 degrees; descriptors bear half of that (J.-M. Morel and G. Yu,

@@ -8,10 +8,12 @@ plain sight elsewhere. So from time to time the whole frame is searched, as if n
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from msgspec import Struct, field
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
@@ -27,9 +29,7 @@ from stadimeter.ranging.measure import SeenTarget, measure, unmeasured
 
 if TYPE_CHECKING:  # most runs have one camera
     from stadimeter.perception.second_camera import SecondView
-from collections import deque
 
-from msgspec import Struct, field
 
 # Several targets of one kind: one detector finds them all, and each keeps its slot for as long as it is followed ------
 #

@@ -90,7 +90,7 @@ class _StereoFit(Struct, frozen=True, eq=False):
     lenses: Values  # of the left and the right camera, in the order of `PARAMETERS`, shape (2, 9)
     pose: Values  # turn and shift from the left camera's frame to the right one's, as OpenCV has them, shape (6,)
     boards: Values  # turn and shift of each board in the left camera's frame, shape (n, 6)
-    bend: Values  # of the board, as in `bent_board`, shape (3,); empty for a flat one
+    bend: Values  # of the board, as in `ways_to_bend`, shape (3,); empty for a flat one
 
 
 class _System(Struct, frozen=True, eq=False):

@@ -3,47 +3,43 @@
 from __future__ import annotations
 
 import math
+import os
+import time
 from collections.abc import Callable, Generator, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.app.capture import Capture, capture_for
 from stadimeter.app.clock import MonotonicClock, SteppedClock
-from stadimeter.cameras.protocol import Camera
+from stadimeter.app.control.client import HELLO_WAIT_S, ask, fetch, find
+from stadimeter.cameras.protocol import AttachedCamera, Camera, ListsCameras
 from stadimeter.config.driver_tables import WORLD
-from stadimeter.config.plugins import DriverChoice, DriverContext, Shared, load_driver
+from stadimeter.config.extras import guide
+from stadimeter.config.plugins import CAMERAS, DriverChoice, DriverContext, Shared, driver_names, load_driver
 from stadimeter.config.units import parse_length
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.frame import Frame
-from stadimeter.errors import CaptureTimeoutError, ConfigError, EndOfFramesError
-from stadimeter.workbench.picture_metadata import picture_remarks
-
-if TYPE_CHECKING:
-    from stadimeter.app.bootstrap import StagedWorld
-import os
-import time
-from contextlib import closing
-from typing import Any
-
-import numpy as np
-
-from stadimeter.app.control.client import HELLO_WAIT_S, ask, fetch, find
-from stadimeter.cameras.protocol import AttachedCamera, ListsCameras
-from stadimeter.config.extras import guide
-from stadimeter.config.plugins import CAMERAS, driver_names
-from stadimeter.core.frame import Optics
+from stadimeter.core.frame import Frame, Optics
 from stadimeter.errors import (
+    CaptureTimeoutError,
+    ConfigError,
     ControlError,
     DeviceClosedError,
     DriverError,
     DriverUnavailableError,
+    EndOfFramesError,
     PictureError,
     ProtocolError,
 )
+from stadimeter.workbench.picture_metadata import picture_remarks
+
+if TYPE_CHECKING:
+    from stadimeter.app.bootstrap import StagedWorld
+
 
 # The diameter of the ball in the room.
 BALL = "20 cm"

@@ -1,6 +1,6 @@
 """Follow a target with a base: what it drives by, and what it does without its target, on a tether, near a second one.
 
-The law is in `follow_law`. All figures are as of the moment at which a command acts: the base's own motion since the
+The law is `follow_twist`. All figures are as of the moment at which a command acts: the base's own motion since the
 picture is taken out of them, see `step_target_motion`.
 """
 
