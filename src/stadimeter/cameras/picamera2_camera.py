@@ -360,7 +360,7 @@ class SensorNetwork:
         return SensorBoxes(corners_px.reshape(-1, 4), np.asarray(outputs[1], np.float64), classes, input_px)
 
 
-# ----------------------------------------------------------------------------------------------------
+# The camera: its package, its options and its frames ------------------------------------------------------------------
 
 DEVICES = ("/dev/media*", "/dev/video*")
 

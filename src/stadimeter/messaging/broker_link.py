@@ -148,7 +148,7 @@ class RetainedTopics:
             self._queue.send(message)
 
 
-# ----------------------------------------------------------------------------------------------------
+# The connection, and the queue of what is to be sent ------------------------------------------------------------------
 
 # Interval, during a pause, of looking for messages of QoS 1, which shorten the pause.
 LOOK_EVERY_S = 0.5

@@ -61,7 +61,7 @@ def assign(costs: Sequence[Sequence[float]], unassigned: float) -> list[int | No
     return given
 
 
-# ----------------------------------------------------------------------------------------------------
+# Looking for all of them in one frame ---------------------------------------------------------------------------------
 
 # With a free slot the whole frame is searched this often, so that a newcomer is seen soon.
 FREE_EVERY_S = 0.25
@@ -455,7 +455,7 @@ def _at_most_ms(exposure_s: float) -> float:
     return max(0.1, round(math.floor(exposure_ms / step_ms) * step_ms, 6))
 
 
-# ----------------------------------------------------------------------------------------------------
+# All targets of a run, in one frame after the other -------------------------------------------------------------------
 
 
 class Perceiver:

@@ -230,7 +230,7 @@ def distances_px(board: PlacedBoard, lens: Values) -> Values:
     return np.asarray(np.linalg.norm(board.corners_px - np.asarray(there_px).reshape(-1, 2), axis=1))
 
 
-# ----------------------------------------------------------------------------------------------------
+# The calibration: which views count, and the lens that fits them ------------------------------------------------------
 
 # Fewer views do not fix focal length, centre and distortion.
 VIEWS_MIN = 3

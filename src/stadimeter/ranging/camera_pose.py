@@ -125,7 +125,7 @@ def starts_of(seen: SeenLandmark, camera: CameraModel) -> list[tuple[Values, Val
     return found
 
 
-# ----------------------------------------------------------------------------------------------------
+# The pose of the camera, from all tags in sight but for those that have moved -----------------------------------------
 
 # Steps of the fit, and halvings of a step that makes things worse. The last step takes less than this off chi-square;
 # of a bad fit, off chi-square per coordinate.

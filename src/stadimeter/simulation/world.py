@@ -133,7 +133,7 @@ class Narrator:
         return next((line.say for line in reversed(begun) if line.fits(distance_m)), "")
 
 
-# ----------------------------------------------------------------------------------------------------
+# The world: what is where at which time, and which faults it has ------------------------------------------------------
 
 # Under this name the drivers of a run share the world.
 SHARED_NAME = "world"

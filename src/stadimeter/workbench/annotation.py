@@ -124,7 +124,7 @@ def free_place(panel: Panel, near: Box, taken: Sequence[Box], gap_px: float, mar
     return best
 
 
-# ----------------------------------------------------------------------------------------------------
+# The annotated picture: outlines, words and leaders of what was found and of what was refused -------------------------
 
 GREEN: Colour = (110, 230, 60)
 ORANGE: Colour = (40, 160, 255)

@@ -596,7 +596,7 @@ def _next_turn(search: SearchStep, settings: Search, heading_rad: float) -> Sear
     )
 
 
-# ----------------------------------------------------------------------------------------------------
+# The rule: one step of following --------------------------------------------------------------------------------------
 
 # A base does not drive by a distance whose standard deviation is more than this share of it.
 UNSURE_SHARE = 0.3

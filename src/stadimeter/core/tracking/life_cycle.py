@@ -139,7 +139,7 @@ def _start_fast(before: TentativeTrack, sighting: Sighting, noise_m: float) -> M
     return motion.start_moving(sighting.distance_m, noise_m, rate_mps, before.noise_m, step_s)
 
 
-# ----------------------------------------------------------------------------------------------------
+# The track of one target: begun, followed, coasting, lost -------------------------------------------------------------
 
 # A target that keeps its speed has a probability of the constant-velocity model above this.
 MIN_CONSTANT_VELOCITY_SHARE = 0.5

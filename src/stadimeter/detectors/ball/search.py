@@ -296,7 +296,7 @@ def look_by_colour(scene: BallScene, best: Limb, within_px: float) -> Limb:
     return replace(best, change_px=max(radii_px) - min(radii_px))
 
 
-# ----------------------------------------------------------------------------------------------------
+# The search: from blobs, from circles, and from where the ball is expected --------------------------------------------
 
 # Reach of the search for the limb on either side of a blob's circle: pixels, or cells and a half of the search.
 FIRST_REACH_PX, REACH_OF_STEP = 8.0, 1.5

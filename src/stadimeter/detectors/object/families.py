@@ -256,7 +256,7 @@ def decode_centerface(outputs: Outputs, wanted: WantedClass) -> Boxes:
     return Boxes(corners, score[0, rows, columns].astype(np.float64), eyes)
 
 
-# ----------------------------------------------------------------------------------------------------
+# The families, and which of them a file is of -------------------------------------------------------------------------
 
 FamilyName = Literal["yolox", "yolov8", "nanodet", "yunet", "centerface"]
 

@@ -118,7 +118,7 @@ def _cannot_run(engine: str, file: ModelFile, error: Exception, remedy: str) -> 
     return DriverError(f"{engine} cannot run {file.path}: {why}; {remedy}")
 
 
-# ----------------------------------------------------------------------------------------------------
+# A network with its engine: a picture goes in, boxes come out ---------------------------------------------------------
 
 # Adults: NCD Risk Factor Collaboration, "A century of trends in adult human height", eLife 2016; N. A. Dodgson,
 # "Variation and extrema of human interpupillary distance", Proc. SPIE 5291, 2004.

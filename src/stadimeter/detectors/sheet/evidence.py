@@ -417,7 +417,7 @@ class Twins:
         return np.asarray(alike & (is_one & faces)[:, None])
 
 
-# ----------------------------------------------------------------------------------------------------
+# Evidence for and against a sheet: its shape, its sides, and what is beside and inside of them ------------------------
 
 # Standard deviation of the corners of a sheet from those of an exact rectangle: a share of its size because nothing is
 # quite flat, and this multiple of the tolerance of its sides.
