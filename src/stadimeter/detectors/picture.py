@@ -31,16 +31,6 @@ from stadimeter.detectors.sides import MAD_TO_SIGMA, diagonals_meet, side_length
 from stadimeter.errors import PictureError, UnreadableError
 from stadimeter.ranging.flat import PictureShape
 
-# Laying a picture over what a camera sees of it: its four corners, to a few hundredths of a pixel.
-#
-# All of the picture counts, not its edges alone: Gauss-Newton steps move the four corners until the light of the
-# frame, read where the picture should be, equals the picture's own but for brightness, contrast and a gradient of the
-# lighting. The picture is what is differentiated, so its slopes are worked out once (inverse compositional alignment:
-# S. Baker and I. Matthews, "Lucas-Kanade 20 Years On", 2004, section 3.2).
-#
-# Coordinates of the picture run from 0 to 1 from its top left corner; pixels have (0, 0) at the centre of the first
-# one.
-
 # Finding a picture in a frame by its key points -----------------------------------------------------------------------
 #
 # Key points with SIFT descriptors (D. Lowe, "Distinctive image features from scale-invariant keypoints", 2004) of
@@ -217,6 +207,16 @@ def _is_a_view(homography: Matrix, corners_px: Points) -> bool:
     )
     return bool((turns > 0).all()) and opposite < MAX_TAPER
 
+
+# Laying a picture over what a camera sees of it: its four corners, to a few hundredths of a pixel ---------------------
+#
+# All of the picture counts, not its edges alone: Gauss-Newton steps move the four corners until the light of the
+# frame, read where the picture should be, equals the picture's own but for brightness, contrast and a gradient of the
+# lighting. The picture is what is differentiated, so its slopes are worked out once (inverse compositional alignment:
+# S. Baker and I. Matthews, "Lucas-Kanade 20 Years On", 2004, section 3.2).
+#
+# Coordinates of the picture run from 0 to 1 from its top left corner; pixels have (0, 0) at the centre of the first
+# one.
 
 Matrix = NDArray[np.float64]
 
@@ -501,6 +501,8 @@ def _spread(homography: Matrix) -> Matrix:
             spread[2 * corner : 2 * corner + 2, 2 * corner + axis] = change[corner]
     return spread
 
+
+# The detector ---------------------------------------------------------------------------------------------------------
 
 # The light of what is seen must follow that of the picture this closely, as a correlation, on this share of its area:
 # the rest may be hidden.
