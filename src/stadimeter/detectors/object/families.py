@@ -16,13 +16,7 @@ from stadimeter.core.detection import Indices, Points, Values
 from stadimeter.core.frame import Image
 from stadimeter.detectors.object.model_file import ModelFile, Shape
 
-# Boxes of a network: how a picture is fitted to its input, and which of many boxes are one thing each.
-#
-# A network's coordinates begin at the outer edge of its first pixel, so pixel i reaches from i to i + 1. Those of a
-# picture begin at the centre of that pixel, half a pixel further in.
-
-# The meaning of the outputs of YOLOX, YOLOv8 and NanoDet-Plus: a row of figures for each cell of grids over the
-# input.
+# Meaning of the outputs of YOLOX, YOLOv8 and NanoDet-Plus: a row of figures for each cell of grids --------------------
 #
 # A grid of stride s has a cell for each s by s pixels of the input, row by row; the grids of a family follow each
 # other, the finest first. Every function takes the outputs of one picture and returns boxes in pixels of the input,
@@ -113,6 +107,11 @@ def _likely(
     which = which[classes[which, wanted.number] >= classes[which].max(axis=1, initial=0.0)]
     return which, scores[which].astype(np.float64)
 
+
+# Boxes: how a picture is fitted to an input, and which of many boxes are one thing each -------------------------------
+#
+# A network's coordinates begin at the outer edge of its first pixel, so pixel i reaches from i to i + 1. Those of a
+# picture begin at the centre of that pixel, half a pixel further in.
 
 # Boxes that share more of their common area than this are one thing: the usual limit of all five families.
 MAX_OVERLAP = 0.45
@@ -207,7 +206,7 @@ def overlaps(one: Values, others: Values) -> Values:
     return np.asarray(common / (np.prod(one[2:] - one[:2]) + areas - common))
 
 
-# Meaning of the outputs of YuNet and CenterFace: faces with five landmarks, of which the first two are the eyes ---
+# Meaning of the outputs of YuNet and CenterFace: faces with five landmarks, of which the first two are the eyes -------
 
 # A cell of CenterFace's maps is this many pixels of the input.
 CENTERFACE_STRIDE = 4
