@@ -62,11 +62,8 @@ def with_range(text: str, target: str, colour: str) -> str:
 
 def _load_tried(desk: Desk, text: str, target: str, colour: str) -> Configuration:
     """Return the configuration with the range that is tried, or the saved one; loaded anew where it has changed."""
-    wanted = (text, target, colour)
-    if desk.kept.get("colours", ((), None))[0] != wanted:
-        desk.kept["colours"] = wanted, load_text(desk, with_range(text, target, colour) if colour else text)
-    found: Configuration = desk.kept["colours"][1]
-    return found
+    tried = with_range(text, target, colour) if colour else text
+    return desk.remember("colours", tried, lambda: load_text(desk, tried))
 
 
 def _look(configuration: Configuration, target: str, frame: Frame) -> tuple[Detection, Measurement]:

@@ -15,6 +15,8 @@ from msgspec.structs import asdict
 
 from stadimeter.errors import ConfigError
 
+T = TypeVar("T")
+
 
 class DeskReply(Struct, frozen=True, kw_only=True):
     """The result that an operation gives back.
@@ -42,6 +44,13 @@ class Desk(Struct, kw_only=True):
     run_socket: Path | None = None
     kept: dict[str, Any] = field(default_factory=dict)
     at_end: list[Callable[[], None]] = field(default_factory=list)
+
+    def remember(self, name: str, key: object, make: Callable[[], T]) -> T:
+        """Return what was made for a key when it was asked for last; made anew for another key."""
+        if name not in self.kept or self.kept[name][0] != key:
+            self.kept[name] = key, make()
+        found: T = self.kept[name][1]
+        return found
 
 
 # Raises `StadimeterError`; the sentence is shown on the page. An error of another kind is a defect.

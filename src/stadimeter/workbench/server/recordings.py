@@ -87,11 +87,7 @@ def path_of(desk: Desk, name: str) -> Path:
 
 def index_of(desk: Desk, path: Path) -> RecordingIndex:
     """Return the index of a recording; that of the one that was asked for last is kept."""
-    key = _key(path)
-    if desk.kept.get("recording", (None, None))[0] != key:
-        desk.kept["recording"] = key, read_index(path)
-    index: RecordingIndex = desk.kept["recording"][1]
-    return index
+    return desk.remember("recording", _key(path), lambda: read_index(path))
 
 
 def _file(path: Path) -> os.stat_result | None:
@@ -212,15 +208,14 @@ def _values(desk: Desk, index: RecordingIndex, moment: RecordedMoment, seen: See
 
 def _plan(desk: Desk, index: RecordingIndex) -> Plan | None:
     """Return the plan that the recording's configuration declares; None for one that this version cannot read."""
-    recording = index.recording
-    if desk.kept.get("recorded plan", (None, None))[0] is not index:
-        try:
-            plan = load_recorded(recording.header.recorded_configuration, recording.path).plan
-        except ConfigError:
-            plan = None
-        desk.kept["recorded plan"] = index, plan
-    found: Plan | None = desk.kept["recorded plan"][1]
-    return found
+    recorded = index.recording.header.recorded_configuration
+
+    def load() -> Plan | None:
+        with suppress(ConfigError):
+            return load_recorded(recorded, index.recording.path).plan
+        return None
+
+    return desk.remember("recorded plan", recorded, load)
 
 
 def _with_detections(moment: RecordedMoment) -> CycleRecord:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from msgspec.structs import replace
@@ -49,9 +48,10 @@ class SetupDesk:
         trouble: Why an earlier answer is asked again.
     """
 
-    def __init__(self, configuration: Path, run_socket: Path | None = None) -> None:
-        self.folder = configuration.parent
-        self.camera = HeldCamera(partial(source_beside_run, configuration=configuration, socket=run_socket))
+    def __init__(self, desk: Desk) -> None:
+        self.folder = desk.configuration.parent
+        self.camera = HeldCamera(partial(source_beside_run, configuration=desk.configuration, socket=desk.run_socket))
+        desk.at_end.append(self.camera.close)
         self.begun: Interview | None = None
         self.trial = colour_step.ColourTrial()
         self.shown: Frame | None = None
@@ -141,11 +141,7 @@ def _as_json(interview: Interview, question: Question) -> dict[str, Any]:
 
 def setup_of(desk: Desk) -> SetupDesk:
     """Return the set-up of a workbench process."""
-    if "setup" not in desk.kept:
-        desk.kept["setup"] = made = SetupDesk(desk.configuration, desk.run_socket)
-        desk.at_end.append(made.camera.close)
-    found: SetupDesk = desk.kept["setup"]
-    return found
+    return desk.remember("setup", None, lambda: SetupDesk(desk))
 
 
 @operation

@@ -158,14 +158,14 @@ def _thresholds(desk: Desk) -> list[dict[str, Any]]:
     """Return the thresholds of distance by the configuration as it is saved; none where it cannot be used."""
     try:
         found = desk.configuration.stat()
-        key = found.st_mtime_ns, found.st_size
-        if desk.kept.get("thresholds", (None, None))[0] != key:
-            plan = load_configuration(desk.configuration, with_tests=False).plan
-            desk.kept["thresholds"] = key, [each for rule in plan.rules for each in _thresholds_of(rule)]
+        return desk.remember("thresholds", (found.st_mtime_ns, found.st_size), lambda: _read_thresholds(desk))
     except (ConfigError, OSError):
         return []
-    thresholds: list[dict[str, Any]] = desk.kept["thresholds"][1]
-    return thresholds
+
+
+def _read_thresholds(desk: Desk) -> list[dict[str, Any]]:
+    rules = load_configuration(desk.configuration, with_tests=False).plan.rules
+    return [each for rule in rules for each in _thresholds_of(rule)]
 
 
 def _thresholds_of(rule: AnyRule) -> Iterator[dict[str, Any]]:

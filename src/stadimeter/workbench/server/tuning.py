@@ -69,11 +69,9 @@ def save(
 def tuning_of(desk: Desk, moments_s: Sequence[float]) -> Tuning:
     """Return the tuning kept for the configuration as it is saved: recordings of these moments, and the newest."""
     text = editing.saved_text(desk) or ""
-    kept: tuple[str, Tuning, set[float]] | None = desk.kept.get("tuning")
-    if kept is None or kept[0] != text:
-        kept = text, Tuning(configuration=load_configuration(desk.configuration), text=text), set()
-        desk.kept["tuning"] = kept
-    _, tuning, asked_s = kept
+    tuning, asked_s = desk.remember(
+        "tuning", text, lambda: (Tuning(configuration=load_configuration(desk.configuration), text=text), set[float]())
+    )
     missing = (at_s for at_s in moments_s if at_s not in asked_s)  # what no recording holds is looked for once
     if not tuning.recordings or not all(
         any(_holds(each, at_s) for each in tuning.recordings.values()) for at_s in missing
