@@ -117,16 +117,15 @@ class McapRecording(Struct, frozen=True, kw_only=True):
 
     def cycles(self) -> Iterator[RecordedCycle]:
         """Yield every cycle, in order; raises JournalError if the file is damaged."""
-        for cycle, _ in self._cycles(with_images=False):
-            yield cycle
+        return (entry.cycle for entry in self._entries())
 
     def cycles_and_images(self) -> Iterator[tuple[RecordedCycle, RecordedImage | None]]:
         """Yield every cycle with its new picture, if it was recorded; raises JournalError for damage."""
-        return self._cycles(with_images=True)
+        return ((entry.cycle, entry.image) for entry in self._entries())
 
     def has_images(self) -> bool:
         """Check whether there is a picture at all; raises JournalError if the file is damaged."""
-        return any(True for _ in _messages(self.path, {IMAGES}))
+        return any(topic == IMAGES for topic, _ in _messages(self.path))
 
     def is_cut_off(self) -> bool:
         """Check whether the file was not finished, as after a power cut or on a full disk."""
@@ -135,20 +134,33 @@ class McapRecording(Struct, frozen=True, kw_only=True):
             file.seek(max(0, size - len(MAGIC)))
             return size < 2 * len(MAGIC) or file.read() != MAGIC
 
-    def _cycles(self, *, with_images: bool) -> Iterator[tuple[RecordedCycle, RecordedImage | None]]:
-        image: RecordedImage | None = None
-        reloaded: RecordedConfiguration | None = None
-        for topic, sequence, data in _messages(
-            self.path, {CYCLES, CONFIGURATION} | ({IMAGES} if with_images else set())
-        ):
-            if topic == IMAGES:
-                image = RecordedImage(sequence, data, f"{self.path}, picture of frame {sequence}")
-            elif topic == CONFIGURATION:
-                reloaded = reload_of(data, f"{self.path}, before cycle {sequence}")
-            else:
-                cycle = RecordedCycle(data, f"{self.path}, cycle {sequence}", reloaded)
-                yield cycle, image
-                image, reloaded = None, None
+    def _entries(self) -> Iterator[_Entry]:
+        return entries_of(self.path, _messages(self.path))
+
+
+class _Entry(Struct, frozen=True):
+    """A cycle, and the picture that was new in it, if it was recorded, with what is drawn into it."""
+
+    at_ns: int
+    cycle: RecordedCycle
+    image: RecordedImage | None
+    annotations: bytes
+
+
+def entries_of(path: Path, messages: Iterable[tuple[str, Message]]) -> Iterator[_Entry]:
+    """Yield each cycle among messages, with those that stand before it and belong to it."""
+    image, annotations, reloaded = None, b"", None
+    for topic, message in messages:
+        place = f"{path}, message {message.sequence} of {topic}"
+        if topic == IMAGES:
+            image = RecordedImage(message.sequence, message.data, place)
+        elif topic == ANNOTATIONS:
+            annotations = message.data
+        elif topic == CONFIGURATION:
+            reloaded = reload_of(message.data, place)
+        elif topic == CYCLES:
+            yield _Entry(message.log_time, RecordedCycle(message.data, place, reloaded), image, annotations)
+            image, annotations, reloaded = None, b"", None
 
 
 def read_mcap(path: Path) -> McapRecording:
@@ -199,17 +211,14 @@ def _about(path: Path) -> tuple[dict[str, str], dict[str, str]]:
     return about, files
 
 
-def _messages(path: Path, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
-    """Yield the messages of some topics with the topic and the message's counter, in the order of the file."""
+def _messages(path: Path) -> Iterator[tuple[str, Message]]:
+    """Yield the messages, each behind its topic, in the order of the file."""
     channels: dict[int, str] = {}
     for place, opcode, data in _records(path):
         if opcode == DATA_END:
             return
-        if opcode != CHUNK:
-            continue
-        for topic, message in messages_in(place, data, channels):
-            if topic in topics:
-                yield topic, message.sequence, message.data
+        if opcode == CHUNK:
+            yield from messages_in(place, data, channels)
 
 
 def messages_in(place: str, chunk: bytes, channels: dict[int, str]) -> Iterator[tuple[str, Message]]:
@@ -280,15 +289,6 @@ class _Chunk(Struct, frozen=True):
     to_ns: int
 
 
-class _Entry(Struct, frozen=True):
-    """A cycle, and the picture that was new in it, if it was recorded, with what is drawn into it."""
-
-    at_ns: int
-    cycle: RecordedCycle
-    image: RecordedImage | None
-    annotations: bytes
-
-
 class RecordedMoment(Struct, frozen=True, eq=False):
     """The newest cycle and picture at a moment of a recording.
 
@@ -333,20 +333,15 @@ class RecordingIndex(Struct, kw_only=True):
         at_ns = begin_ns + round(min(max(at_s, 0.0), self.seconds) * 1e9)
         number = max(0, bisect_right(self._chunks, at_ns, key=lambda chunk: chunk.from_ns) - 1)
         entries = self._entries(number)
-        now = max((each for each in entries if each.at_ns <= at_ns), key=lambda each: each.at_ns, default=None)
-        if now is None:
-            now = self._first(entries)
+        if not entries:
+            raise JournalError(f"{self.recording.path}: there is no whole cycle at that moment")
+        now = max((each for each in entries if each.at_ns <= at_ns), key=lambda each: each.at_ns, default=entries[0])
         found_s = (now.at_ns - begin_ns) / 1e9
         shown = self._newest_with_image(number, max(at_ns, now.at_ns))
         frame = shown.image.frame_of(shown.cycle) if shown is not None and shown.image is not None else None
         if shown is None or frame is None:
             return RecordedMoment(found_s, now.cycle)
         return RecordedMoment(found_s, now.cycle, frame, shown.cycle, shown.annotations)
-
-    def _first(self, entries: list[_Entry]) -> _Entry:
-        if not entries:
-            raise JournalError(f"{self.recording.path}: there is no whole cycle at that moment")
-        return entries[0]
 
     def _newest_with_image(self, number: int, at_ns: int) -> _Entry | None:
         for before in range(number, max(-1, number - _BACK_MAX), -1):
@@ -359,24 +354,10 @@ class RecordingIndex(Struct, kw_only=True):
         if number not in self._kept:
             while len(self._kept) >= _KEPT_MAX:
                 del self._kept[next(iter(self._kept))]
-            self._kept[number] = self._read(self._chunks[number])
+            chunk, path = self._chunks[number], self.recording.path
+            messages = messages_in(f"{path}, byte {chunk.at_byte}", _content(path, chunk), self._topics)
+            self._kept[number] = [*entries_of(path, messages)]
         return self._kept[number]
-
-    def _read(self, chunk: _Chunk) -> list[_Entry]:
-        path = self.recording.path
-        entries: list[_Entry] = []
-        image, annotations = None, b""
-        for topic, message in messages_in(f"{path}, byte {chunk.at_byte}", _content(path, chunk), self._topics):
-            place = f"{path}, frame or cycle {message.sequence}"
-            if topic == IMAGES:
-                image = RecordedImage(message.sequence, message.data, place)
-            elif topic == ANNOTATIONS:
-                annotations = message.data
-            elif topic == CYCLES:
-                cycle = RecordedCycle(message.data, place)
-                entries.append(_Entry(message.log_time, cycle, image, annotations))
-                image, annotations = None, b""
-        return entries
 
 
 def read_index(path: Path) -> RecordingIndex:
