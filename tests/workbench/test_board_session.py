@@ -46,7 +46,7 @@ class Rig:
 
     def __init__(self, *, must_be_steady: bool = False) -> None:
         self.board = KnownBoard()
-        self.session = BoardSession(self.board, date="2026-01-31", must_be_steady=must_be_steady)  # type: ignore[arg-type]
+        self.session = BoardSession(self.board, must_be_steady=must_be_steady)  # type: ignore[arg-type]
         self.frames = 0
         self.optics: Optics | None = None
 
@@ -94,7 +94,7 @@ def test_a_board_in_motion_is_taken_once_it_is_held_still() -> None:
 def test_a_camera_that_changes_its_resolution_is_refused() -> None:
     rig = Rig()
     rig.show(corners_at(TILTS[0], PLACES[4]))
-    with pytest.raises(CalibrationError, match="gave 640x480 px, then 320x240"):
+    with pytest.raises(CalibrationError, match="view 2 has 320x240 px, those before it 640x480"):
         rig.show(corners_at(TILTS[1], PLACES[4]), (320, 240))
 
 

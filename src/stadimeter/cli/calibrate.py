@@ -39,7 +39,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError, ConfigError, Problem
-from stadimeter.ranging.board_calibration import VIEWS_ENOUGH, BoardCalibration, calibrate_board
+from stadimeter.ranging.board_calibration import VIEWS_ENOUGH, BoardCalibration
 from stadimeter.ranging.calibration import (
     Calibration,
     CalibrationCheck,
@@ -426,9 +426,7 @@ def _board_from_pictures(pictures: Sequence[Path], wanted: board_session.Board) 
     if not found.views:
         _never_found("the board was found in no picture")
     with working("calibrating"):
-        made = calibrate_board(
-            found.views, found.width_px, found.height_px, date=board_session.today(), optics=found.optics
-        )
+        made = found.calibrate(found.views)
     made = replace(made, camera_model=with_lens_settings(made.camera_model, pictures))
     return made, not found.missed and not any(view.was_left_out for view in made.views)
 
@@ -439,9 +437,7 @@ def _board_from_camera(live: str, wanted: board_session.Board) -> tuple[BoardCal
     if not session.views:
         _never_found("the camera saw no view of the board")
     with working("calibrating"):
-        made = session.calibration or calibrate_board(
-            session.views, session.width_px, session.height_px, date=board_session.today(), optics=session.optics
-        )
+        made = session.calibration or session.calibrate(session.views)
     return made, True
 
 
@@ -526,7 +522,7 @@ SAY_EVERY_S = 2.0
 def views_from_camera(live: str, board: board_session.Board) -> board_session.BoardSession:
     """Return the views that were taken until they are enough, the camera's frames end, or Ctrl-C is pressed."""
     with live_camera(live) as source:
-        session = board_session.BoardSession(board, date=board_session.today(), must_be_steady=source.is_live)
+        session = board_session.BoardSession(board, must_be_steady=source.is_live)
         if source.is_live:
             typer.echo("move the board about, tilt it, and hold it still for a moment each time; Ctrl-C ends it")
         try:

@@ -14,10 +14,9 @@ from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.stereo_rig import StereoRig
 from stadimeter.core.words import metres
 from stadimeter.errors import ConfigError, StadimeterError
-from stadimeter.ranging.board_calibration import calibrate_board
 from stadimeter.ranging.stereo import StereoFigures, measure_pair
 from stadimeter.ranging.stereo_calibration import PairView, StereoCalibration, calibrate_stereo, check_pair_count
-from stadimeter.workbench.calibration.board_session import Board, BoardPictures, find_boards, today
+from stadimeter.workbench.calibration.board_session import Board, BoardViews, find_boards, today
 from stadimeter.workbench.measuring import Measuring, PictureResult, TargetResult, failed_results, open_picture
 
 PicturePair = tuple[Path, Path]
@@ -52,17 +51,14 @@ class BoardPairs(Struct, frozen=True, kw_only=True):
 
     pairs: tuple[PairView, ...]
     missed: tuple[tuple[str, str, str], ...]
-    sides: tuple[BoardPictures, BoardPictures]
+    sides: tuple[BoardViews, BoardViews]
 
     def calibrate(self, square_share: float) -> StereoCalibration:
         """Calibrate both cameras, each by itself and then together; see `calibrate_stereo`."""
         check_pair_count(len(self.pairs), "show the board in both pictures")
-        views = [each.left for each in self.pairs], [each.right for each in self.pairs]
-        left, right = (
-            calibrate_board(seen, side.width_px, side.height_px, date=today(), optics=side.optics)
-            for seen, side in zip(views, self.sides, strict=True)
-        )
-        return calibrate_stereo(self.pairs, (left, right), date=today(), square_share=square_share)
+        left, right = self.sides
+        alone = left.calibrate([each.left for each in self.pairs]), right.calibrate([each.right for each in self.pairs])
+        return calibrate_stereo(self.pairs, alone, date=today(), square_share=square_share)
 
 
 def find_board_pairs(

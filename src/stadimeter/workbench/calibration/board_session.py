@@ -15,6 +15,7 @@ from __future__ import annotations
 import datetime as dt
 import math
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -146,24 +147,47 @@ def today() -> str:
     return dt.datetime.now().astimezone().date().isoformat()
 
 
-class BoardPictures(Struct, frozen=True, kw_only=True):
-    """Views of a board in pictures.
+class BoardViews:
+    """Views of a board in pictures of one camera that has one resolution and is set in one way.
 
     Attributes:
         missed: Picture and reason, for each in which it was not.
         optics: How the camera was set, if a picture says it.
     """
 
-    views: tuple[BoardView, ...]
-    missed: tuple[tuple[str, str], ...]
-    width_px: int
-    height_px: int
-    optics: Optics | None = None
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self.views: list[BoardView] = []
+        self.missed: list[tuple[str, str]] = []
+        self.width_px = self.height_px = 0
+        self.optics: Optics | None = None
+
+    def find(self, picture: str, frame: Frame) -> BoardView | str:
+        """Look for the board in a picture; return it, or why it is not there.
+
+        Raises:
+            CalibrationError: It has another resolution than those before, or the camera was set otherwise.
+        """
+        here, before = (frame.width_px, frame.height_px), (self.width_px, self.height_px)
+        if self.width_px and here != before:
+            raise CalibrationError(
+                f"{picture} has {here[0]}x{here[1]} px, those before it {before[0]}x{before[1]}; calibrate from "
+                "pictures of one resolution, all held the same way"
+            )
+        self.width_px, self.height_px = here
+        self.optics = self.optics or frame.optics
+        if self.optics and frame.optics and (change := self.optics.change_to(frame.optics)):
+            raise CalibrationError(f"{picture}: {change}; calibrate from pictures of one setting")
+        return self._board.find(picture, frame.image)
+
+    def calibrate(self, views: Sequence[BoardView]) -> BoardCalibration:
+        """Return the camera model that some of the views give; see `calibrate_board`."""
+        return calibrate_board(views, self.width_px, self.height_px, date=today(), optics=self.optics)
 
 
 def find_boards(
     paths: Sequence[Path], board: Board, watched: Callable[[Sequence[Path]], Iterable[Path]] = iter
-) -> BoardPictures:
+) -> BoardViews:
     """Look for a board in pictures.
 
     Args:
@@ -173,27 +197,14 @@ def find_boards(
         PictureError: A picture cannot be read.
         CalibrationError: The pictures differ in resolution, or in how the camera was set.
     """
-    views: list[BoardView] = []
-    missed: list[tuple[str, str]] = []
-    shape, optics = (0, 0), None
+    found = BoardViews(board)
     for path in watched(paths):
-        frame = open_picture(path)
-        here = (frame.width_px, frame.height_px)
-        shape = here if shape == (0, 0) else shape
-        if here != shape:
-            raise CalibrationError(
-                f"{paths[0]} has {shape[0]}x{shape[1]} px, {path} has {here[0]}x{here[1]}; calibrate from pictures of "
-                "one resolution, all held the same way"
-            )
-        optics = optics or frame.optics
-        if optics and frame.optics and (change := optics.change_to(frame.optics)):
-            raise CalibrationError(f"{path}: {change}; calibrate from pictures of one setting")
-        found = board.find(str(path), frame.image)
-        if isinstance(found, BoardView):
-            views.append(found)
+        view = found.find(str(path), open_picture(path))
+        if isinstance(view, BoardView):
+            found.views.append(view)
         else:
-            missed.append((str(path), found))
-    return BoardPictures(views=tuple(views), missed=tuple(missed), width_px=shape[0], height_px=shape[1], optics=optics)
+            found.missed.append((str(path), view))
+    return found
 
 
 # After this many views it ends: more add nothing, and each makes the fit slower.
@@ -213,27 +224,21 @@ NEW_PLACE_SHARE = 0.1
 NEW_SHAPE_SHARE = 0.08
 
 
-class BoardSession:
+class BoardSession(BoardViews):
     """Takes the views that are worth taking, and says what is still missing.
 
     Args:
-        date: ISO 8601 date of the calibration.
         must_be_steady: Whether a view counts only if the board was in the same place in the frame before.
 
     Attributes:
-        optics: How the camera is set, if its driver knows.
         seen: The board in the frame before; None where it was not found.
         calibration: What the views give so far; None while they are too few, or do not fix the camera.
     """
 
-    def __init__(self, board: Board, *, date: str, must_be_steady: bool) -> None:
-        self._board = board
-        self._date = date
+    def __init__(self, board: Board, *, must_be_steady: bool) -> None:
+        super().__init__(board)
         self._must_be_steady = must_be_steady
         self.seen: BoardView | None = None
-        self.views: list[BoardView] = []
-        self.width_px = self.height_px = 0
-        self.optics: Optics | None = None
         self.calibration: BoardCalibration | None = None
 
     def look(self, frame: Frame) -> str:
@@ -243,11 +248,9 @@ class BoardSession:
             Why it was not taken; empty if it was.
 
         Raises:
-            CalibrationError: It has another resolution than those before, or the camera was set otherwise.
+            CalibrationError: As `find`.
         """
-        self._check_camera(frame)
-        name = frame.source or f"view {len(self.views) + 1}"
-        found = self._board.find(name, frame.image)
+        found = self.find(frame.source or f"view {len(self.views) + 1}", frame)
         if isinstance(found, str):
             self.seen = None
             return found
@@ -255,7 +258,9 @@ class BoardSession:
         why_not = self._unsteady(found, before) or self._too_similar(found)
         if not why_not:
             self.views.append(found)
-            self.calibration = self._calibrated()
+            self.calibration = None
+            with suppress(CalibrationError):  # not yet: further views, or boards that are tilted, will fix it
+                self.calibration = self.calibrate(self.views)
         return why_not
 
     def missing(self) -> tuple[str, ...]:
@@ -278,17 +283,6 @@ class BoardSession:
         """True if the views are enough, or their number is such that more add nothing."""
         return len(self.views) >= VIEWS_MAX or not self.missing()
 
-    def _check_camera(self, frame: Frame) -> None:
-        if not self.width_px:
-            self.width_px, self.height_px, self.optics = frame.width_px, frame.height_px, frame.optics
-        if (frame.width_px, frame.height_px) != (self.width_px, self.height_px):
-            raise CalibrationError(
-                f"the camera gave {self.width_px}x{self.height_px} px, then {frame.width_px}x{frame.height_px}; "
-                "calibrate at one resolution"
-            )
-        if self.optics and frame.optics and (change := self.optics.change_to(frame.optics)):
-            raise CalibrationError(change)
-
     def _unsteady(self, found: BoardView, before: BoardView | None) -> str:
         if not self._must_be_steady:
             return ""
@@ -302,12 +296,6 @@ class BoardSession:
     def _too_similar(self, found: BoardView) -> str:
         like = next((view.picture for view in self.views if _is_like(found, view, self.width_px)), "")
         return f"much like {like}; move it further, or tilt it more" if like else ""
-
-    def _calibrated(self) -> BoardCalibration | None:
-        try:
-            return calibrate_board(self.views, self.width_px, self.height_px, date=self._date, optics=self.optics)
-        except CalibrationError:
-            return None  # not yet: further views, or boards that are tilted, will fix it
 
 
 def _is_like(view: BoardView, other: BoardView, width_px: int) -> bool:
