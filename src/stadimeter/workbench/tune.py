@@ -13,7 +13,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import tempfile
 import time
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -22,7 +21,7 @@ from itertools import combinations, count, pairwise
 from operator import attrgetter, itemgetter
 from pathlib import Path
 from statistics import NormalDist
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import msgspec
 import numpy as np
@@ -31,7 +30,8 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.journal import JournalWriter
+from stadimeter.app.exact_json import encode
+from stadimeter.app.recordings.journal import FORMAT, cycle_json
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
@@ -84,10 +84,6 @@ class RuleSetting(Struct, frozen=True, kw_only=True):
     value: float
     unit: str
 
-    def written(self, value: float) -> str:
-        """Return a value as TOML has it; six digits are more than any camera measures."""
-        return f'"{value:.6g} {self.unit}"'
-
 
 def alarm_named(configuration: Configuration, name: str) -> tuple[CompiledRule, AlarmRule]:
     """Return an alarm and its table.
@@ -95,13 +91,12 @@ def alarm_named(configuration: Configuration, name: str) -> tuple[CompiledRule, 
     Raises:
         ConfigError: There is none of that name; of a rule that is none, nothing is to be changed by itself.
     """
-    alarms = {rule.name: each for each in configuration.rules if isinstance(rule := each.rule, AlarmRule)}
-    alarms |= {each.section: each for each in reversed(alarms.values())}
-    found = alarms.get(name)
-    if found is None or not isinstance(found.rule, AlarmRule):
+    alarms = {rule.name: (each, rule) for each in configuration.rules if isinstance(rule := each.rule, AlarmRule)}
+    alarms |= {each.section: (each, rule) for each, rule in reversed(alarms.values())}
+    if name not in alarms:
         hint = did_you_mean_or_list(name, alarms)
         raise ConfigError([Problem(f"there is no alarm '{name}'", str(configuration.path), hint=hint)])
-    return found, found.rule
+    return alarms[name]
 
 
 def settings_of(configuration: Configuration, name: str) -> dict[str, RuleSetting]:
@@ -134,7 +129,8 @@ def with_settings(configuration: Configuration, text: str, name: str, values: Ma
         if key not in known:
             words = f"'{key}' is nothing that can be changed of '{name}' by itself"
             raise ConfigError([Problem(words, str(configuration.path), hint=did_you_mean_or_list(key, known))])
-        text = set_value(text, known[key].path, known[key].written(_in_si(known[key], key, value)))
+        # Six digits are more than any camera measures.
+        text = set_value(text, known[key].path, f'"{_in_si(known[key], key, value):.6g} {known[key].unit}"')
     return text
 
 
@@ -515,9 +511,7 @@ class Search(Struct, kw_only=True):
         if "on_delay" in values:
             rule = replace(rule, on_delay=OnDelay(hold_s=values["on_delay"]))
         rule = replace(rule, off_delay_s=values.get("off_delay", rule.off_delay_s))
-        condition = rule.condition
-        if not isinstance(condition, SoughtCondition):
-            raise TypeError(f"the rule {rule.name} has no limit on one figure")  # checked before
+        condition = cast(SoughtCondition, rule.condition)
         return rule, replace(condition, deadband=values.get(band_key(condition), condition.deadband))
 
     def _candidates(self, key: str, least: float) -> list[float]:
@@ -801,9 +795,10 @@ class Tuning:
                     wrong += [mark.words for mark in here]
                     continue
                 name = _free_name(place.parent, f"{each.rule.replace(':', '-')}-{Path(each.name).stem}")
-                files[name] = _journal(each.kept, cut.cycles)
+                cycles, trial, moved = cut
+                files[name] = _journal(each.kept, cycles)
                 tests.append(f"{each.rule} as tuned: {Path(name).stem}")
-                text += _test(tests[-1], name, each.rule, cut)
+                text += _test(tests[-1], name, each.rule, trial, moved)
         if wrong:
             words = f"nothing was saved, for with these settings this would fail: {', '.join(wrong)}"
             raise ConfigError([Problem(words, str(place), key="tests")])
@@ -834,20 +829,15 @@ def _changes_as_marks(answer: Answer) -> Iterator[FiringMark]:
             yield FiringMark(recording=answer.name, from_s=at_s, to_s=at_s, should_fire=change.change == "added")
 
 
-class _Cut(Struct, frozen=True, kw_only=True):
-    """A part of a recording that shows by itself what marks say, with what the alarm does in it."""
-
-    cycles: Sequence[CycleRecord]
-    firings: Sequence[Span]
-    marks: Sequence[FiringMark]
-    raised: int
-    seconds: float
-
-
-def _cut(answer: Answer, marks: Sequence[FiringMark], plan: Plan) -> _Cut | None:
+def _cut(
+    answer: Answer, marks: Sequence[FiringMark], plan: Plan
+) -> tuple[Sequence[CycleRecord], Trial, Sequence[FiringMark]] | None:
     """Cut the shortest part that will do out of a recording; None if none shows what the marks say.
 
     A test knows nothing of what was before, so the part begins earlier until the alarm does there what marks say.
+
+    Returns:
+        Its cycles, what the plan does on them, and the marks by its own time.
     """
     from_s = min(mark.from_s for mark in marks)
     from_s = min([from_s, *(begin for begin, end in answer.spans if begin < from_s <= end)])
@@ -860,8 +850,7 @@ def _cut(answer: Answer, marks: Sequence[FiringMark], plan: Plan) -> _Cut | None
         moved = [replace(mark, from_s=mark.from_s - off_s, to_s=mark.to_s - off_s) for mark in marks]
         firings = trial.spans(answer.rule)
         if all(is_met(mark, firings, moved) for mark in moved):
-            raised = sum(each.kind is EventKind.RAISED and each.source == answer.rule for each in trial.events)
-            return _Cut(cycles=inside, firings=firings, marks=moved, raised=raised, seconds=trial.seconds)
+            return inside, trial, moved
     return None
 
 
@@ -873,33 +862,29 @@ def _free_name(folder: Path, stem: str) -> str:
 
 def _journal(kept: KeptRecording, cycles: Iterable[CycleRecord]) -> str:
     """Return a journal of some cycles, without pictures."""
-    header = kept.recording.header
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "cut.jsonl")
-        writer = JournalWriter(path, header.recorded_configuration, header.began_at)
-        for each in cycles:
-            writer.write(each)
-        writer.close()
-        return path.read_text(encoding="utf-8")
+    header = replace(kept.recording.header, stadimeter_journal=FORMAT, resumed="")
+    return "".join(f"{line.decode()}\n" for line in (encode(header), *map(cycle_json, cycles)))
 
 
-def _test(name: str, journal: str, rule: str, cut: _Cut) -> str:
+def _test(name: str, journal: str, rule: str, trial: Trial, marks: Sequence[FiringMark]) -> str:
     """Return a test as TOML; no time in it is after the end of its recording."""
+    firings = trial.spans(rule)
+    raised = sum(each.kind is EventKind.RAISED and each.source == rule for each in trial.events)
 
     def at(at_s: float) -> str:
-        return f'"{math.floor(min(max(at_s, 0.0), cut.seconds) * 100) / 100:.2f} s"'
+        return f'"{math.floor(min(max(at_s, 0.0), trial.seconds) * 100) / 100:.2f} s"'
 
     def during(mark: FiringMark) -> str:
-        for_s = math.floor((min(mark.to_s, cut.seconds) - max(mark.from_s, 0.0)) * 100) / 100 - 0.01
+        for_s = math.floor((min(mark.to_s, trial.seconds) - max(mark.from_s, 0.0)) * 100) / 100 - 0.01
         return at(mark.from_s) if for_s <= 0 else f'{{ from = {at(mark.from_s)}, for = "{for_s:.2f} s" }}'
 
     key = f"expect.{dotted((rule,))}"
     lines = ["", "[[tests]]", f"name = {json.dumps(name)}", f"input = {{ journal = {json.dumps(journal)} }}"]
-    lines.append(f"{key}.raised = {cut.raised}")
-    wanted = [firing for mark in cut.marks for firing in cut.firings if mark.wants(firing)]
+    lines.append(f"{key}.raised = {raised}")
+    wanted = [firing for mark in marks for firing in firings if mark.wants(firing)]
     if wanted:
         lines.append(f"{key}.active_at = [{', '.join(sorted({at((begin + end) / 2) for begin, end in wanted}))}]")
-    silent = [mark for mark in cut.marks if not mark.should_fire and not any(map(mark.touches, cut.firings))]
+    silent = [mark for mark in marks if not mark.should_fire and not any(map(mark.touches, firings))]
     if silent:
         lines.append(f"{key}.inactive_at = [{', '.join(map(during, silent))}]")
     return "\n".join([*lines, ""])
