@@ -23,7 +23,7 @@ from statistics import NormalDist
 from typing import Any
 
 from msgspec import Struct
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from stadimeter.app.clock import SteppedClock, wall_time
 from stadimeter.config.loader import Configuration
@@ -518,16 +518,8 @@ def position_at(path: Sequence[PathPoint], at_s: float) -> PathPoint:
     before, after = path[max(0, index - 1)], path[index]
     span_s = after.at_s - before.at_s
     share = (at_s - before.at_s) / span_s if span_s > 0 else 0.0
-    return PathPoint(
-        at_s=at_s,
-        distance_m=_between(before.distance_m, after.distance_m, share),
-        bearing_rad=_between(before.bearing_rad, after.bearing_rad, share),
-        elevation_rad=_between(before.elevation_rad, after.elevation_rad, share),
-    )
-
-
-def _between(start: float, end: float, share: float) -> float:
-    return start + (end - start) * share
+    start, end = asdict(before), asdict(after)
+    return PathPoint(**{key: start[key] + (end[key] - start[key]) * share for key in start})
 
 
 @dataclass(kw_only=True)

@@ -277,15 +277,8 @@ def write_files(folder: Path, files: Mapping[str, str]) -> Iterator[str]:
 
 def was_left(answers: Path, configuration: Path) -> bool:
     """Check whether an interview was left before its end: its answers are newer than what came of the last one."""
-    answered_ns = _modified_ns(answers)
-    return answered_ns is not None and answered_ns > (_modified_ns(configuration) or 0)
-
-
-def _modified_ns(path: Path) -> int | None:
-    try:
-        return path.stat().st_mtime_ns
-    except FileNotFoundError:
-        return None
+    answered_ns, written_ns = (each.stat().st_mtime_ns if each.exists() else 0 for each in (answers, configuration))
+    return answered_ns > written_ns
 
 
 def load_example(name: str) -> str:
