@@ -70,7 +70,7 @@ def configuration(sensor: Sensor, tmp_path: Path) -> Path:
     """Calibrate before the camera, and return a configuration with the camera file."""
     camera = open_camera(choice(CAMERAS, "picamera2", CAMERA))
     with camera as source:
-        take = take_at(source, choice(DETECTORS, "ball", BALL), 1.0, frames=3)
+        take = take_at(source, choice(DETECTORS, "ball", BALL), 1.0)
         made = calibrate([take.known], date="2026-01-01").camera_model
         save_camera_model(tmp_path / "camera.toml", replace(made, optics=take.frame.optics))
     file = tmp_path / "ball.toml"

@@ -28,7 +28,6 @@ pytestmark = pytest.mark.vision
 
 
 BALL_M = 0.2
-FRAMES = 3
 
 
 @cache
@@ -66,14 +65,14 @@ def _takes(device: V4l2Double, *shown: tuple[float, Image]) -> list[Take]:
     with _camera(device) as source:
         for distance_m, image in shown:
             device.show(image)
-            taken.append(take_at(source, BALL, distance_m, FRAMES))
+            taken.append(take_at(source, BALL, distance_m))
     return taken
 
 
 def _fit(takes: Sequence[Take]) -> Calibration:
     frames = {each.known.picture: each.frame for each in takes}
     known = [each.known for each in takes]
-    made = fit_distances(known, frames.__getitem__, [BALL], date="2026-01-01", distance_relative_sigma=0.01)
+    made = fit_distances(known, frames.__getitem__, [BALL], distance_relative_sigma=0.01)
     assert made.calibration is not None
     return made.calibration
 
@@ -82,7 +81,7 @@ def test_a_ball_is_measured_to_its_near_side_and_gives_the_focal_length(device: 
     takes = _takes(device, (1.0, ball_at(1.0)), (3.0, ball_at(3.0)))
     made = _fit(takes)
     assert made.camera_model.fx_px == pytest.approx(600.0, rel=0.01)
-    found = re.fullmatch(r"found in 3 of 3 frames, (\d+) px, spread 0\.\d%", takes[0].words)
+    found = re.fullmatch(r"found in 9 of 9 frames, (\d+) px, spread 0\.\d%", takes[0].words)
     assert found is not None
     assert float(found[1]) == pytest.approx(600 * BALL_M / 1.1, rel=0.02)
     assert [each.picture for each in made.pictures] == ["at 1 m", "at 3 m"]
@@ -105,5 +104,5 @@ def test_distances_from_another_point_contradict_each_other_and_the_offset_is_sa
 
 
 def test_a_target_that_is_not_there_is_said(device: V4l2Double) -> None:
-    with pytest.raises(CalibrationError, match="at 3 m the target was found in 0 of 3 frames: the picture is grey"):
+    with pytest.raises(CalibrationError, match="at 3 m the target was found in 0 of 9 frames: the picture is grey"):
         _takes(device, (3.0, np.full((480, 640, 3), 90, np.uint8)))

@@ -662,9 +662,7 @@ def _fit(
     usable: Sequence[KnownDistance], frame_of: live_distance.FrameOf, wanted: WantedTargets, distance_sigma: float
 ) -> tuple[Calibration, bool]:
     """Calibrate; return the calibration, and whether it comes from all pictures. Say which were left out, and why."""
-    fit = live_distance.fit_distances(
-        usable, frame_of, wanted.choices, date=board_session.today(), distance_relative_sigma=distance_sigma
-    )
+    fit = live_distance.fit_distances(usable, frame_of, wanted.choices, distance_relative_sigma=distance_sigma)
     for each in fit.left_out:
         remedy = live_distance.remedy_words(each, frame_of(each.picture), wanted.choices[0])
         reason = f"through the camera file it is not found: {each.detection.reason}{remedy}"

@@ -27,6 +27,7 @@ from stadimeter.ranging.calibration import (
 )
 from stadimeter.ranging.measure import SeenTarget, measure
 from stadimeter.ranging.size_from_motion import LearntSize, StepView, Vector, view_of
+from stadimeter.workbench.calibration.board_session import today
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source
 from stadimeter.workbench.measuring import remedies_for
 from stadimeter.workbench.picture_metadata import picture_remarks
@@ -96,7 +97,6 @@ def fit_distances(
     frame_of: FrameOf,
     choices: Sequence[DriverChoice],
     *,
-    date: str,
     distance_relative_sigma: float,
 ) -> DistanceFit:
     """Calibrate from pictures in which the target was found whole.
@@ -122,7 +122,7 @@ def fit_distances(
         if len(usable) > 1:  # one picture cannot tell the edge bias
             usable = _with_bias_undone(usable, frame_of, choices, rough)
         check_agreement(usable, distance_relative_sigma=distance_relative_sigma)
-        made = calibrate(usable, date=date, distance_relative_sigma=distance_relative_sigma)
+        made = calibrate(usable, date=today(), distance_relative_sigma=distance_relative_sigma)
         made = replace(made, camera_model=replace(made.camera_model, optics=optics))
         again = _look_again(usable, frame_of, choices, made.camera_model)
         usable, lost = _split_by_found(usable, again)
@@ -206,7 +206,7 @@ class Take(Struct, frozen=True, eq=False):
     words: str
 
 
-def take_at(source: Source, choice: DriverChoice, distance_m: float, frames: int = FRAMES, name: str = "") -> Take:
+def take_at(source: Source, choice: DriverChoice, distance_m: float, name: str = "") -> Take:
     """Take frames of the target where it is now, before an open camera.
 
     The frame of median size counts: the common error of all of them, that of the tape, would not get smaller by
@@ -224,7 +224,7 @@ def take_at(source: Source, choice: DriverChoice, distance_m: float, frames: int
     name = name or f"at {distance_m:g} m"
     (target,) = build_detectors([choice], None)
     depth_m = distance_m + target.detector.target_shape.limb_radius_m
-    seen = [(look_at_distance(name, frame, depth_m, target), frame) for frame in fresh_frames(source, frames)]
+    seen = [(look_at_distance(name, frame, depth_m, target), frame) for frame in fresh_frames(source)]
     found = [pair for pair in seen if pair[0].is_usable]
     if len(found) < max(1.0, FOUND_SHARE_MIN * len(seen)):
         missed = [pair for pair in seen if not pair[0].is_usable]
@@ -236,12 +236,12 @@ def take_at(source: Source, choice: DriverChoice, distance_m: float, frames: int
     return Take(known, frame, words)
 
 
-def fresh_frames(source: Source, number: int = FRAMES) -> Sequence[Frame]:
+def fresh_frames(source: Source) -> Sequence[Frame]:
     """Return fresh frames of an open camera: the one that waited may show the hand that put the target there."""
     if source.is_live:
         source.capture.latest(SETTLING_WAIT_S)
     first = source.capture.latest(SETTLING_WAIT_S)
-    number = max(1, min(number, FRAMES_MAX_BYTES // first.image.nbytes))
+    number = max(1, min(FRAMES, FRAMES_MAX_BYTES // first.image.nbytes))
     return [first, *(source.capture.latest(SETTLING_WAIT_S) for _ in range(number - 1))]
 
 

@@ -256,7 +256,6 @@ def fit_lens(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Camer
         _known_distances(pictures, choice),
         _frame_of,
         [choice],
-        date=today(),
         distance_relative_sigma=max(each.relative_sigma for each in pictures),
     )
     _check_found(fit.left_out, choice)
