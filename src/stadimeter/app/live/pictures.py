@@ -60,8 +60,8 @@ class Pictures:
 
     @staticmethod
     def _encode(frame: Frame, record: CycleRecord, kind: Kind, quality: int) -> bytes:
-        image = _small(frame.image)
-        return _jpeg(drawn(image, record, frame.width_px) if kind == "drawn" else image, quality)
+        image = shrink(frame.image, SHOWN_MAX_PX / max(frame.image.shape[:2]))
+        return encode_jpeg(drawn(image, record, frame.width_px) if kind == "drawn" else image, quality)
 
     def forget(self) -> None:
         """Free the pictures when there is no viewer."""
@@ -128,14 +128,15 @@ def _write(canvas: Image, words: str, at: tuple[float, float], colour: _Colour, 
     cv2.putText(canvas, text, (x, y), font, size, colour, thickness, cv2.LINE_AA)
 
 
-def _small(image: Image) -> Image:
-    scale = SHOWN_MAX_PX / max(image.shape[:2])
+def shrink(image: Image, scale: float) -> Image:
+    """Return a smaller copy of a picture; itself where the scale is 1 or more."""
     if scale >= 1:
         return image
     return np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _jpeg(image: Image, quality: int) -> bytes:
+def encode_jpeg(image: Image, quality: int) -> bytes:
+    """Return a picture as JPEG."""
     import simplejpeg  # noqa: PLC0415 - only who watches needs it
 
     encoded: bytes = simplejpeg.encode_jpeg(np.ascontiguousarray(image), quality, "BGR", "420", fastdct=True)

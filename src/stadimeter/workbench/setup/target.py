@@ -10,11 +10,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 from msgspec.structs import replace
 
 from stadimeter.app.detectors import build_detectors
+from stadimeter.app.live import pictures
 from stadimeter.config.driver_tables import TARGET, read_driver_table
 from stadimeter.config.plugins import DriverChoice, DriverOptions, ReportsLacks, driver_names, load_driver
 from stadimeter.config.units import UNKNOWN_SIZE, split_spread, validation_context
@@ -23,7 +22,7 @@ from stadimeter.core.detection import Detection, DetectionStatus, TargetShape
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.words import metres
-from stadimeter.errors import ConfigError, DriverError, PictureError, StadimeterError
+from stadimeter.errors import ConfigError, DriverError, StadimeterError
 from stadimeter.workbench.annotation import Mark, annotate, write_picture
 from stadimeter.workbench.frame_source import BALL, take_frame
 from stadimeter.workbench.measuring import Measuring, remedies_for
@@ -373,10 +372,4 @@ def draw_findings(frame: Frame, seen: Detection, measured: Measurement | None) -
 
 def encode_jpeg(image: Image, width_px: int = 0) -> bytes:
     """Return a picture as JPEG, no wider than asked for; 0 for as it is."""
-    if 0 < width_px < image.shape[1]:
-        height_px = max(1, round(image.shape[0] * width_px / image.shape[1]))
-        image = np.asarray(cv2.resize(image, (width_px, height_px), interpolation=cv2.INTER_AREA), np.uint8)
-    done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    if not done:
-        raise PictureError("the picture cannot be encoded")
-    return data.tobytes()
+    return pictures.encode_jpeg(pictures.shrink(image, width_px / image.shape[1] or 1.0), JPEG_QUALITY)
