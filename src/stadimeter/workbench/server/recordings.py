@@ -17,13 +17,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from stadimeter.app.control.recording import CLIPS, LAST
-from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.history import Seen
 from stadimeter.app.live.pictures import Pictures
 from stadimeter.app.live.snapshot import RunSnapshot, shared_data
 from stadimeter.app.recordings.journal import ENDING, JournalHeader, load_recorded
 from stadimeter.config.files import open_untrusted
-from stadimeter.core.detection import Detection, DetectionStatus, Points
+from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, JournalError, NotThereError, StadimeterError
 from stadimeter.workbench.replay import RecordedMoment, RecordingIndex, read_index
@@ -188,7 +187,10 @@ def recording_frame(desk: Desk, name: str, at_s: float = 0.0, draw: str = "drawn
     path = path_of(desk, name)
     index = index_of(desk, path)
     moment = index.moment(at_s)
-    seen = None if moment.seen is None else Seen(_with_detections(moment), moment.frame)
+    seen = None
+    if moment.seen is not None:
+        detections = tuple(_detections(moment.annotations))
+        seen = Seen(replace(moment.seen.record(), detections=detections), moment.frame)
     jpeg = Pictures().jpeg(seen, "plain" if draw == "plain" else "drawn", QUALITY) if seen else b""
     return DeskReply(data=_values(desk, index, moment, seen), attached=jpeg)
 
@@ -218,24 +220,14 @@ def _plan(desk: Desk, index: RecordingIndex) -> Plan | None:
     return desk.remember("recorded plan", recorded, load)
 
 
-def _with_detections(moment: RecordedMoment) -> CycleRecord:
-    """Return the cycle of a picture with where its targets are in it, which stands in the recording's annotations."""
-    if moment.seen is None:
-        raise JournalError("there is no picture")
-    return replace(moment.seen.record(), detections=tuple(_detections(moment)))
-
-
-def _detections(moment: RecordedMoment) -> Iterator[Detection]:
-    """Yield what was outlined."""
+def _detections(annotations: bytes) -> Iterator[Detection]:
+    """Yield what the annotations of a picture outline."""
     try:
-        for line in json.loads(moment.annotations or b"{}").get("points", []):
-            outline = np.array([[point["x"], point["y"]] for point in line["points"]], float).reshape(-1, 2)
-            yield _detection_of(line["metadata"][0]["value"], outline - FIRST_PIXEL)
+        for line in json.loads(annotations or b"{}").get("points", []):
+            corners = np.array([[point["x"], point["y"]] for point in line["points"]], float).reshape(-1, 2)
+            outline_px, target = corners - FIRST_PIXEL, line["metadata"][0]["value"]
+            x, y = (outline_px.min(axis=0) + outline_px.max(axis=0)) / 2
+            centre_px = float(x), float(y)
+            yield Detection(target=target, status=DetectionStatus.FOUND, centre_px=centre_px, outline_px=outline_px)
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):  # damaged, or of another program
         return
-
-
-def _detection_of(target: str, outline_px: Points) -> Detection:
-    x, y = (outline_px.min(axis=0) + outline_px.max(axis=0)) / 2
-    centre = float(x), float(y)
-    return Detection(target=target, status=DetectionStatus.FOUND, centre_px=centre, outline_px=outline_px)
