@@ -543,6 +543,10 @@ LABEL_WIDTH = 11
 # From this ambiguity on it is said that another tilt explains the picture nearly as well.
 UNSURE = 0.5
 
+# Figures of what was seen that ``--json`` has under their own names, and the causes of the uncertainty.
+SEEN_FIGURES = ("width_px", "height_px", "size_sigma_px", "quality")
+CAUSES = ("edges_m", "focal_length_m", "size_m", "pose_m")
+
 # A smaller share of the distance is written as no uncertainty.
 _NO_SHARE = 5e-6
 
@@ -583,14 +587,8 @@ def explanation_record(result: TargetResult) -> dict[str, object]:
     return {
         "remark": found.reason if found is not None and parts is not None else "",
         "centre_px": [_number(each) for each in seen.centre_px] if seen else None,
-        "width_px": _number(seen.width_px) if seen else None,
-        "height_px": _number(seen.height_px) if seen else None,
-        "size_sigma_px": _number(seen.size_sigma_px) if seen else None,
-        "quality": _number(seen.quality) if seen else None,
-        "sigma_edges_m": _number(parts.edges_m) if parts else None,
-        "sigma_focal_length_m": _number(parts.focal_length_m) if parts else None,
-        "sigma_size_m": _number(parts.size_m) if parts else None,
-        "sigma_pose_m": _number(parts.pose_m) if parts else None,
+        **{key: _number(getattr(seen, key)) if seen else None for key in SEEN_FIGURES},
+        **{f"sigma_{cause}": _number(getattr(parts, cause)) if parts else None for cause in CAUSES},
         "floor_distance_m": result.floor.distance_m if result.floor else None,
         "floor_sigma_m": _number(result.floor.sigma_m) if result.floor else None,
         "floor_apart_sigmas": _number(result.floor.apart_sigmas) if result.floor else None,

@@ -49,6 +49,11 @@ VIDEO_SUFFIXES = (
 )  # fmt: skip
 
 
+# Fields of a measurement that ``--json`` prints under their names, and what it calls the sigmas of the direction.
+RECORDED = ("distance_m", "depth_m", "sigma_m", "bearing_rad", "elevation_rad", "tilt_rad", "ambiguity", "reason")
+DIRECTION_SIGMAS = ("bearing_sigma_rad", "elevation_sigma_rad")
+
+
 class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
     """Result for one target in one picture.
 
@@ -105,30 +110,18 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
         """Return the result as the object that ``--json`` prints: lengths in metres, angles in radians."""
         measured = self.measurement
         is_perhaps = measured.status is MeasurementStatus.PERHAPS
-        x_m, y_m, z_m = measured.position_m or (None, None, None)
         in_robot = {}
         if self.mount is not None:
             place_m = None if measured.position_m is None else self.mount.in_robot(measured.position_m)
             in_robot = dict(zip(("robot_x_m", "robot_y_m", "robot_z_m"), place_m or (None,) * 3, strict=True))
-        bearing_sigma_rad, elevation_sigma_rad = self.direction_sigmas_rad or (None, None)
         return {
             "file": self.file,
             "target": measured.target,
             "status": (MeasurementStatus.MEASURED if is_perhaps else measured.status).value,
             "perhaps": is_perhaps,
-            "distance_m": measured.distance_m,
-            "depth_m": measured.depth_m,
-            "sigma_m": measured.sigma_m,
-            "bearing_rad": measured.bearing_rad,
-            "elevation_rad": measured.elevation_rad,
-            "tilt_rad": measured.tilt_rad,
-            "ambiguity": measured.ambiguity,
-            "reason": measured.reason,
-            "x_m": x_m,
-            "y_m": y_m,
-            "z_m": z_m,
-            "bearing_sigma_rad": bearing_sigma_rad,
-            "elevation_sigma_rad": elevation_sigma_rad,
+            **{key: getattr(measured, key) for key in RECORDED},
+            **dict(zip(("x_m", "y_m", "z_m"), measured.position_m or (None,) * 3, strict=True)),
+            **dict(zip(DIRECTION_SIGMAS, self.direction_sigmas_rad or (None, None), strict=True)),
             "outline_px": self.detection.outline_px.round(2).tolist() if self.detection else [],
             "id": self.detection.number if self.detection else None,
             "frame": self.frame,
