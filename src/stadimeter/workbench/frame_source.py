@@ -28,7 +28,6 @@ from stadimeter.errors import (
     CaptureTimeoutError,
     ConfigError,
     ControlError,
-    DeviceClosedError,
     DriverError,
     DriverUnavailableError,
     EndOfFramesError,
@@ -247,12 +246,10 @@ class RunCamera(Capture):
 
     def __init__(self, socket: Path) -> None:  # the camera is the run's
         self._socket = socket
-        self._is_open = False
         self._sequence = -1
 
     def open(self) -> None:
-        """Make ready; the run has opened the camera."""
-        self._is_open = True
+        """Do nothing: the run has opened the camera."""
 
     def latest(self, timeout_s: float) -> Frame:
         """Return the run's newest frame once it is another one than the last; see `Capture`."""
@@ -260,7 +257,7 @@ class RunCamera(Capture):
         why = f"no new one for {timeout_s:g} s"
         while True:
             try:
-                frame = self._newest()
+                frame = _frame(*fetch(self._socket, "frame", {"encoding": "raw", "image": "plain"}))
             except ControlError as error:
                 why = str(error)
             else:
@@ -280,13 +277,7 @@ class RunCamera(Capture):
         return ""
 
     def close(self) -> None:
-        """Ask the run no more."""
-        self._is_open = False
-
-    def _newest(self) -> Frame:
-        if not self._is_open:
-            raise DeviceClosedError("the camera is not open; open it before asking for frames")
-        return _frame(*fetch(self._socket, "frame", {"encoding": "raw", "image": "plain"}))
+        """Do nothing: the run goes on."""
 
 
 def _frame(data: Any, pixels: bytes) -> Frame:
@@ -379,8 +370,6 @@ def first_picture(choice: DriverChoice) -> CameraShot | str:
     """Open a camera and take a picture; return that, or why there is none."""
     try:
         with closing(snapshots(choice)) as taken:
-            for each in taken:
-                return each
+            return next(taken, "it gives no picture")
     except (DriverError, PictureError) as error:
         return str(error)
-    return "it gives no picture"

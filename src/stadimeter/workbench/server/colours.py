@@ -37,9 +37,7 @@ def picture(desk: Desk, target: str, range_: str = "", width_px: int = 0) -> Des
     colour = str(getattr(options, "hsv", None) or "")
     if not isinstance(options, ProposesColour) or not colour or tried.camera_model is None:
         raise ConfigError(f"there is no target {target!r} that is measured by its colour")
-    camera = RunCamera(run_socket(desk))
-    camera.open()
-    frame = camera.latest(SETTLING_WAIT_S)
+    frame = RunCamera(run_socket(desk)).latest(SETTLING_WAIT_S)
     found, measured = _look(tried, target, frame)
     view = replace(options.view_colour(frame, colour), detection=found)
     shown = {"colour": colour, "version": version_of(text), "range": range_figures(view)}
