@@ -6,7 +6,7 @@ A text is checked as if it stood at the place of the configuration. Nothing is w
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,10 @@ from stadimeter.app.this_computer import warnings_here
 from stadimeter.config.describe import describe
 from stadimeter.config.files import CONFIGURATION_MAX_BYTES, read_untrusted_text, sha256_of
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.config.rule_test_tables import RuleTest
 from stadimeter.config.toml_source import Texts
 from stadimeter.config.units import path_from
 from stadimeter.errors import ChangedMeanwhileError, ConfigError, ControlError, Problem, UnreadableError
-from stadimeter.workbench.rule_tests import RuleTestResult, run_rule_test
+from stadimeter.workbench.rule_tests import run_rule_test
 from stadimeter.workbench.saving import check_is_not_ours, files_of, save_files, versions
 from stadimeter.workbench.server.operations import Desk, operation
 from stadimeter.workbench.server.run_of_desk import run_socket
@@ -55,7 +54,7 @@ def check(desk: Desk, text: str, files: dict[str, str] | None = None, *, tests: 
     return {
         "problems": _list_problems(warnings, "warning"),
         "words": list(describe(found)),
-        "tests": _run_tests(found) if tests else [],
+        "tests": list(_run_tests(found)) if tests else [],
     }
 
 
@@ -119,28 +118,16 @@ def _list_problems(problems: tuple[Problem, ...], severity: str) -> list[dict[st
     return [{**plain(problem), "severity": severity} for problem in sorted(problems, key=lambda each: each.line)]
 
 
-def _run_tests(found: Configuration) -> list[dict[str, Any]]:
+def _run_tests(found: Configuration) -> Iterator[dict[str, Any]]:
     until_s = time.monotonic() + TESTS_MAX_S
-    return [
-        _test_result(run_rule_test(found, test)) if time.monotonic() < until_s else _pass_over(test)
-        for test in found.tests
-    ]
-
-
-def _pass_over(test: RuleTest) -> dict[str, Any]:
-    words = f"not run: the tests before it took {TESTS_MAX_S:g} s; `stadimeter test` runs all"
-    return {"name": test.name, "line": test.line, "ok": None, "words": words}
-
-
-def _test_result(result: RuleTestResult) -> dict[str, Any]:
-    words = [f"{each.subject}.{each.key}: expected {each.expected}, got {each.got}" for each in result.failures]
-    trouble = [f"it could not be run: {result.trouble}"] if result.trouble else []
-    return {
-        "name": result.test.name,
-        "line": result.test.line,
-        "ok": result.passed,
-        "words": "; ".join([*trouble, *words]),
-    }
+    for test in found.tests:
+        is_passed, words = None, f"not run: the tests before it took {TESTS_MAX_S:g} s; `stadimeter test` runs all"
+        if time.monotonic() < until_s:
+            done = run_rule_test(found, test)
+            trouble = [f"it could not be run: {done.trouble}"] if done.trouble else []
+            failed = [f"{each.subject}.{each.key}: expected {each.expected}, got {each.got}" for each in done.failures]
+            is_passed, words = done.passed, "; ".join([*trouble, *failed])
+        yield {"name": test.name, "line": test.line, "ok": is_passed, "words": words}
 
 
 def _save(desk: Desk, files: Mapping[str, str], base_version: str) -> dict[str, Any]:
