@@ -165,7 +165,7 @@ def test_from_nothing_to_files_that_can_be_used(calibrated: Setup) -> None:
 @pytest.mark.long
 def test_bad_clicks_and_ranges_are_refused_in_a_sentence(in_room: Setup) -> None:
     for args, words in (
-        ({"clicks": [[-1, 5]]}, "outside the picture"),
+        ({"clicks": [[-1, 5]]}, "is not in the picture"),
         ({"clicks": [[1, None]]}, r"Expected `float`, got `null` - at `\$.clicks\[0\]\[1\]`"),
         ({"range": "green"}, "limits"),
     ):

@@ -134,7 +134,12 @@ def _place(text: str, name: str, frame: Frame, option: str) -> Place:
         place = float(x), float(y)
     except ValueError as error:
         raise ConfigError([Problem(f"{text!r} is not a place; write it such as 312,240", key=option)]) from error
+    check_place(place, name, frame, option)
+    return place
+
+
+def check_place(place: Place, name: str, frame: Frame, option: str = "") -> None:
+    """Raise a `ConfigError` for a place that is not in a picture, see `colour_sample`."""
     if not (0 <= place[0] < frame.width_px and 0 <= place[1] < frame.height_px):
         size = f"{frame.width_px} × {frame.height_px} pixels"
-        raise ConfigError([Problem(f"{text} is not in {name}, which has {size}", key=option)])
-    return place
+        raise ConfigError([Problem(f"{place[0]:g},{place[1]:g} is not in {name}, which has {size}", key=option)])

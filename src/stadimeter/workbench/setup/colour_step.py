@@ -57,7 +57,8 @@ class ColourTrial(Struct):
         kept, newest = self.samples, ColourSample(frame, tuple(places))
         if same_picture and kept:
             kept, newest = kept[:-1], ColourSample(kept[-1].frame, (*kept[-1].places_px, *places))
-        _check(newest.frame, places)
+        for place in places:
+            colour_aids.check_place(place, "the picture", newest.frame)
         samples = [*kept, newest]
         proposal = ball_colours().propose_colour(samples)
         if proposal is None:
@@ -110,15 +111,6 @@ def describe_view(seen: ColourView, *, is_pointed_at: bool = True) -> str:
         return ball
     places = " and ".join(f"{each.centre_px[0]:.0f},{each.centre_px[1]:.0f}" for each in seen.others[:3])
     return f"{ball} {OTHERS.format(places=places)}"
-
-
-def _check(frame: Frame, places: Sequence[colour_aids.Place]) -> None:
-    if not places:
-        raise ConfigError("there is no click; click on the ball")
-    for x_px, y_px in places:
-        if not (0 <= x_px < frame.width_px and 0 <= y_px < frame.height_px):
-            size = f"{frame.width_px} × {frame.height_px} pixels"
-            raise ConfigError(f"{x_px:g},{y_px:g} is outside the picture, which has {size}")
 
 
 COLOURED = f"{PICTURES}/colour.png"
