@@ -458,25 +458,23 @@ def board_from_options(
     if chessboard is not None:
         if marker is not None or dictionary is not None:
             raise ConfigError("--marker and --dictionary describe a ChArUco board; give --charuco instead of --board")
-        columns, rows = _size(chessboard, "--board", 3)
+        columns, rows = _size(chessboard, "--board")
         return board_session.Chessboard(columns=columns, rows=rows, square_m=square_m)
     if marker is None or dictionary is None:
         raise ConfigError(
             "--charuco needs --marker LENGTH and --dictionary NAME, such as --marker 20mm --dictionary 4X4_50"
         )
-    columns, rows = _size(charuco or "", "--charuco", 3)
+    columns, rows = _size(charuco or "", "--charuco")
     marker_m = parse_known_length(marker, "--marker")
     return board_session.CharucoBoard(
         columns=columns, rows=rows, square_m=square_m, marker_m=marker_m, dictionary=dictionary
     )
 
 
-def _size(text: str, option: str, least: int) -> tuple[int, int]:
+def _size(text: str, option: str) -> tuple[int, int]:
     match = _SIZE.fullmatch(text.strip().lower().replace("×", "x"))
-    if not match or min(int(match[1]), int(match[2])) < least:
-        raise ConfigError(
-            f"{option} {text!r} is no size of a board; write columns and rows, such as 9x6, {least} at least"
-        )
+    if not match or min(int(match[1]), int(match[2])) < 3:
+        raise ConfigError(f"{option} {text!r} is no size of a board; write columns and rows, such as 9x6, 3 at least")
     return int(match[1]), int(match[2])
 
 

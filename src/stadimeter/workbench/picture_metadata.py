@@ -191,7 +191,9 @@ def picture_remarks(image: Image, exposure_s: float | None = None) -> tuple[str,
     if brightest <= BLACK_LEVEL:
         return ("the picture is black: take the cover off the lens, switch the light on, or set a longer exposure",)
     remarks: list[str] = []
-    proposed = _exposure_hint(exposure_s, better_exposure_s(image, exposure_s))
+    wanted_s, proposed = better_exposure_s(image, exposure_s), ""
+    if exposure_s is not None and wanted_s is not None and not 0.8 < wanted_s / exposure_s < 1.25:
+        proposed = f' (try exposure = "{1e3 * wanted_s:.2g} ms" in [camera]; it was {1e3 * exposure_s:.3g} ms)'
     if brightest <= DARK_LEVEL:
         words = f"the picture is dark, hardly a level above {brightest:.0f} of 255: more light, longer exposure"
         remarks.append(f"{words}{proposed}")
@@ -220,12 +222,6 @@ def better_exposure_s(image: Image, exposure_s: float | None) -> float | None:
         return min(exposure_s * float((ENOUGH_LEVEL / brightest) ** GAMMA), MAX_EXPOSURE_S)
     is_clipped = float(np.mean(image.min(axis=2) >= CLIPPED_LEVEL)) > CLIPPED_SHARE
     return exposure_s / 2 if is_clipped else exposure_s
-
-
-def _exposure_hint(now_s: float | None, wanted_s: float | None) -> str:
-    if now_s is None or wanted_s is None or 0.8 < wanted_s / now_s < 1.25:
-        return ""
-    return f' (try exposure = "{1e3 * wanted_s:.2g} ms" in [camera]; it was {1e3 * now_s:.3g} ms)'
 
 
 def blur_sigma_px(image: Image) -> float | None:

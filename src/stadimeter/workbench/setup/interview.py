@@ -185,12 +185,10 @@ def answer_all(interview: Interview, given: Mapping[str, str], file: str) -> Ite
 
 def _ready(interview: Interview) -> tuple[str, tuple[str, ...]]:
     """Return the ready answer to the next question, and what was found for it."""
-    question = interview.question()
-    if question is not None and question.unattended:
-        return question.unattended, question.found
-    if question is None or not question.ready:
-        raise ConfigError(" ".join(("this needs an answer:", *(question.found if question else ()))))
-    return question.ready, question.found
+    question = interview.question() or Question(text="")
+    if answer := question.unattended or question.ready:
+        return answer, question.found
+    raise ConfigError(" ".join(("this needs an answer:", *question.found)))
 
 
 # The file in the folder in which answers are kept.

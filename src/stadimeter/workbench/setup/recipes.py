@@ -164,15 +164,11 @@ class Recipe(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return {blank.key: written(blank, texts[blank.key]) for blank in self.blanks}
 
 
-def load_recipes(folder: str = "recipes") -> dict[str, Recipe]:
-    """Return the recipes of a folder beside this module, by name, in the order of the list."""
-    return dict(_load(folder))
-
-
 @cache
-def _load(folder: str) -> tuple[tuple[str, Recipe], ...]:
+def load_recipes(folder: str = "recipes") -> Mapping[str, Recipe]:
+    """Return the recipes of a folder beside this module, by name, in the order of the list."""
     found = (read_recipe(path) for path in (Path(__file__).parent / folder).glob("*.toml"))
-    return tuple((each.key, each) for each in sorted(found, key=lambda recipe: recipe.rank))
+    return {each.key: each for each in sorted(found, key=lambda recipe: recipe.rank)}
 
 
 def read_recipe(path: Path) -> Recipe:
