@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -23,7 +23,7 @@ from stadimeter.cli.formatting import METRE, format_distance
 from stadimeter.cli.print_target import wiring
 from stadimeter.cli.test_rules import run_tests
 from stadimeter.config.addresses import address_for_people
-from stadimeter.config.loader import load_configuration
+from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.measuring import Measuring
 from stadimeter.workbench.saving import VERSIONS
@@ -38,7 +38,7 @@ from stadimeter.workbench.setup.interview import (
     write_files,
 )
 from stadimeter.workbench.setup.question import CONFIGURATION, PICTURES, Accepted, Known, Question
-from stadimeter.workbench.setup.recipe_steps import configuration_files, rule_names
+from stadimeter.workbench.setup.recipe_steps import configuration_files
 from stadimeter.workbench.wiring import find_outputs, parts_of
 
 BACK = "back"
@@ -299,23 +299,23 @@ def _check_and_show(console: Console, known: Known) -> int:
     """Check what was written, measure, run its tests, name the next commands, and return the exit code."""
     console.print()
     check(known.file)
-    if find_outputs(parts_of(load_configuration(known.file))):
+    written = load_configuration(known.file)
+    if find_outputs(parts_of(written)):
         console.print()
         wiring(known.file, output=None)
         wiring(known.file, output=known.path(WIRING))
     console.print()
-    is_measured = _is_measured(console, known)
+    is_measured = _is_measured(console, known, written)
     console.print()
     try:
         run_tests(known.file, name="", as_json=False, verbose=False)
     finally:
-        _next_commands(console, known)
+        _next_commands(console, known, [each.section for each in written.rules])
     return DONE if is_measured else NOT_FOUND
 
 
-def _is_measured(console: Console, known: Known) -> bool:
+def _is_measured(console: Console, known: Known, written: Configuration) -> bool:
     """Measure the target in the last picture, and return whether it is there."""
-    written = load_configuration(known.file)
     if written.camera_model is None:
         return False
     targets = build_detectors(written.targets[:1], written.camera_model, written.footings)
@@ -335,13 +335,12 @@ def _picture(known: Known) -> str:
     return os.path.relpath(known.frame.source) if known.frame.source else "The last picture of the camera"
 
 
-def _next_commands(console: Console, known: Known) -> None:
+def _next_commands(console: Console, known: Known, rules: Sequence[str]) -> None:
     source = known.frame.source
     pictures = _picture(known) if source else known.answers["camera"]
     what = f"--live {known.file}" if known.is_live else shlex.quote(pictures)
     console.print("\nNext:", style="bold")
-    names = rule_names(known.answers)
-    asked = next((each for each in known.answers["recipe"].split() if each in names), *names[:1]) if names else ""
+    asked = next((each for each in (*known.answers["recipe"].split(), *rules) if each in rules), "")
     for line in (
         f"stadimeter measure {what} --config {known.file}",
         f"stadimeter run {known.file} --watch",

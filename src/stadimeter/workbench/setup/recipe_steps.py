@@ -382,12 +382,6 @@ def _settings(part: str, answers: Mapping[str, str]) -> dict[str, Any]:
     return tomllib.loads("\n".join(texts))
 
 
-def rule_names(answers: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the names of the rules that the answers lead to."""
-    texts = "".join(recipe.configuration for recipe in chosen_recipes(answers))
-    return tuple(re.findall(r"^\[rules\.([\w-]+)\]$", texts, re.MULTILINE))
-
-
 def _configuration(answers: Mapping[str, str], lens: Mapping[str, str]) -> str:
     outputs = _outputs(answers)
     camera = {**table_of(answers["camera"]), **lens, **_settings("camera", answers)}
