@@ -494,20 +494,18 @@ def _board_lines(made: BoardCalibration) -> Iterator[str]:
         say_note(advice)
 
 
-def _board_advice(made: BoardCalibration) -> list[str]:
-    advice = []
+def _board_advice(made: BoardCalibration) -> Iterator[str]:
     if made.bend_m > BEND_ADVICE_M:
-        advice.append(
+        yield (
             f"the board is bent by {made.bend_m * 1e3:.1f} mm, which was allowed for; the focal length is surer with a "
             "board on glass or metal"
         )
     if made.camera_model.focal_relative_sigma > board_session.GOOD_FOCAL_SHARE:
-        advice.append("the focal length is not well known; add pictures with the board tilted by 30 to 45 degrees")
+        yield "the focal length is not well known; add pictures with the board tilted by 30 to 45 degrees"
     if made.uncovered:
-        advice.append(f"no corner was seen in the {', '.join(made.uncovered)} of the picture; bring the board there")
+        yield f"no corner was seen in the {', '.join(made.uncovered)} of the picture; bring the board there"
     elif made.coverage < board_session.GOOD_COVERAGE:
-        advice.append("the board was seen in little of the picture; bring it nearer, and into every corner")
-    return advice
+        yield "the board was seen in little of the picture; bring it nearer, and into every corner"
 
 
 # A board that is bent by less is as flat as one can have it at home.

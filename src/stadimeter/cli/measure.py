@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -185,13 +185,8 @@ def print_places(images: Sequence[Path], config: Path | None, *, as_json: bool) 
     return code
 
 
-EXIT_CODES = {
-    MeasurementStatus.MEASURED: DONE,
-    MeasurementStatus.PERHAPS: NOT_FOUND,  # a script that goes by the exit code acts on nothing that is in doubt
-    MeasurementStatus.NOT_FOUND: NOT_FOUND,
-    MeasurementStatus.TRUNCATED: NOT_FOUND,
-    MeasurementStatus.ERROR: WRONG,
-}
+# All else is not found, "perhaps" too: a script that goes by the exit code acts on nothing that is in doubt.
+EXIT_CODES = {MeasurementStatus.MEASURED: DONE, MeasurementStatus.ERROR: WRONG}
 
 
 @takes_options(
@@ -465,7 +460,7 @@ class _Work(Struct, frozen=True, kw_only=True):
                 print_size(each.file, each.label, size, self.at[0], unit, as_json=self.printer.as_json)
         if self.between is not None and result.frame is not None:
             self.printer.separation(result, self.between, self.measuring.between(result, self.between))
-        return max(EXIT_CODES[each.measurement.status] for each in result.targets)
+        return max(EXIT_CODES.get(each.measurement.status, NOT_FOUND) for each in result.targets)
 
 
 # Output: lines or JSON objects for targets, ``--explain``, ``--between``, and annotated copies ------------------------
@@ -568,16 +563,17 @@ def _by_size(result: TargetResult) -> Measurement:
     return result.measurement if result.floor is None else result.floor.by_size
 
 
-def _floor_lines(result: TargetResult) -> list[tuple[str, str]]:
+def _floor_lines(result: TargetResult) -> Iterator[tuple[str, str]]:
     """Say what the floor tells of a target that is on it, and what became of size and floor together."""
     floor = result.floor
     if floor is None or result.parts is None:
-        return []
+        return
     by_floor = "above the horizon" if floor.distance_m is None else format_distance(floor.distance_m, floor.sigma_m)
     both = format_distance(result.measurement.distance_m, result.measurement.sigma_m)
     size = format_distance(floor.by_size.distance_m, floor.by_size.sigma_m)
-    lines = [("floor", f"{by_floor} by the floor, {size} by its size, {floor.apart_sigmas:.1f} σ apart; taken: {both}")]
-    return [*lines, *([("remark", floor.measurement.reason)] if floor.measurement.reason else [])]
+    yield "floor", f"{by_floor} by the floor, {size} by its size, {floor.apart_sigmas:.1f} σ apart; taken: {both}"
+    if floor.measurement.reason:
+        yield "remark", floor.measurement.reason
 
 
 def explanation_record(result: TargetResult) -> dict[str, object]:
@@ -610,19 +606,17 @@ def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _found_lines(found: Detection, measured: Measurement, parts: SigmaParts | None) -> list[tuple[str, str]]:
-    lines = []
+def _found_lines(found: Detection, measured: Measurement, parts: SigmaParts | None) -> Iterator[tuple[str, str]]:
     if found.width_px > 0:
         size = f"{found.width_px:.2f} x {found.height_px:.2f} px ± {found.size_sigma_px:.2f}"
         x, y = found.centre_px
-        lines.append(("seen", f"{size} at {x:.1f}, {y:.1f}, quality {found.quality:.2f}"))
+        yield "seen", f"{size} at {x:.1f}, {y:.1f}, quality {found.quality:.2f}"
     if measured.tilt_rad is not None:
-        lines.append(("tilt", f"{format_tilt(measured.tilt_rad)}{_mirrored_words(measured)}"))
+        yield "tilt", f"{format_tilt(measured.tilt_rad)}{_mirrored_words(measured)}"
     if parts is not None:
-        lines.append(("sigma", _sigma_in_words(measured, parts)))
+        yield "sigma", _sigma_in_words(measured, parts)
         if found.reason:
-            lines.append(("remark", found.reason))
-    return lines
+            yield "remark", found.reason
 
 
 def _mirrored_words(measured: Measurement) -> str:

@@ -102,9 +102,9 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
         """A remark to make of it beside the distance; empty for nothing."""
         return ""
 
-    def more(self) -> list[tuple[str, str]]:
-        """Return further lines that explain it, each with its label."""
-        return []
+    def more(self) -> Iterator[tuple[str, str]]:
+        """Yield further lines that explain it, each with its label."""
+        yield from ()
 
     def record(self) -> dict[str, object]:
         """Return the result as the object that ``--json`` prints: lengths in metres, angles in radians."""

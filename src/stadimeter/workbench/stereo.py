@@ -103,23 +103,17 @@ class PairResult(TargetResult, frozen=True, kw_only=True, eq=False):
         """Disagreement of both cameras together with the target's size, if any."""
         return self.figures.disagreement if self.figures else ""
 
-    def more(self) -> list[tuple[str, str]]:
-        """List what both cameras say together, and what each says by the target's size."""
+    def more(self) -> Iterator[tuple[str, str]]:
+        """Yield what both cameras say together, and what each says by the target's size."""
         if self.figures is None:
-            return []
+            return
         both = self.figures
         missed = f"the lines of sight miss each other by {abs(both.miss_px):.2f} px ± {both.miss_sigma_px:.2f}"
-        together = ("together", f"{metres(both.distance_m, both.sigma_m)} without its size; {missed}")
-        if both.size_m is None or both.size_sigma_m is None:
-            return [together]
-        left, right = (metres(each.distance_m or 0.0, each.sigma_m or 0.0) for each in self.alone)
-        return [
-            together,
-            (
-                "by size",
-                f"{metres(both.size_m, both.size_sigma_m)}; the left camera alone {left}, the right one {right}",
-            ),
-        ]
+        yield "together", f"{metres(both.distance_m, both.sigma_m)} without its size; {missed}"
+        if both.size_m is not None and both.size_sigma_m is not None:
+            left, right = (metres(each.distance_m or 0.0, each.sigma_m or 0.0) for each in self.alone)
+            by_size = metres(both.size_m, both.size_sigma_m)
+            yield "by size", f"{by_size}; the left camera alone {left}, the right one {right}"
 
     def record(self) -> dict[str, object]:
         """Return the result as the object that ``--json`` prints."""
