@@ -6,7 +6,6 @@ import json
 import sys
 from collections.abc import Sequence
 from contextlib import redirect_stdout
-from functools import partial
 from pathlib import Path
 
 import typer
@@ -165,17 +164,16 @@ def _take_all(
         raise ConfigError(f"--pictures is given {len(pictures)} times and --at names {len(asked)} distances")
     if len(set(wanted_m)) < len(wanted_m):
         raise ConfigError("--at names a distance twice, and it says the same each time; give each once")
-    if pictures or session.is_simulated:
-        take = partial(_take, session, tape_m, for_s)
-    else:
+    if not pictures and not session.is_simulated:
         typer.echo("Measure with a tape, from the lens to the target's nearest point. Keep the camera still.")
-        take = partial(_take_asking, session, tape_m, for_s)
-    folders: Sequence[Path | None] = pictures or [None] * len(wanted_m)
-    seen = [take(each_m, folder) for each_m, folder in zip(wanted_m, folders, strict=True)]
+        seen = [_take_asking(session, tape_m, for_s, each_m) for each_m in wanted_m]
+    else:
+        folders: Sequence[Path | None] = pictures or [None] * len(wanted_m)
+        seen = [_take(session, tape_m, for_s, *each) for each in zip(wanted_m, folders, strict=True)]
     return all(seen)
 
 
-def _take(session: SiteSession, tape_m: float, for_s: float, at_m: float, pictures: Path | None = None) -> bool:
+def _take(session: SiteSession, tape_m: float, for_s: float, at_m: float, pictures: Path | None) -> bool:
     """Measure at a distance and print what was seen; return whether that says where the target is."""
     placed = session.take(at_m, tape_m, for_s, pictures)
     words = describe_placement(placed)
@@ -183,7 +181,7 @@ def _take(session: SiteSession, tape_m: float, for_s: float, at_m: float, pictur
     return placed.is_read
 
 
-def _take_asking(session: SiteSession, tape_m: float, for_s: float, at_m: float, _: Path | None = None) -> bool:
+def _take_asking(session: SiteSession, tape_m: float, for_s: float, at_m: float) -> bool:
     """Ask for the target at a distance until it is seen there, or the person goes on without."""
 
     def ask() -> str:

@@ -144,13 +144,12 @@ def open_source(choice: DriverChoice) -> Source:
         room = SimulatedRoom(choice)
         return Source(capture=room.capture, is_live=True, room=room)
     choice = _once(choice)
-    clock = SteppedClock()
+    clock: SteppedClock | MonotonicClock = SteppedClock()
     camera: Camera = choice.options.build(DriverContext(name=choice.name, clock=clock))
-    if not camera.is_live:
-        return Source(capture=capture_for(camera, clock), is_live=False)
-    live_clock = MonotonicClock()
-    camera = choice.options.build(DriverContext(name=choice.name, clock=live_clock))
-    return Source(capture=capture_for(camera, live_clock), is_live=True)
+    if camera.is_live:
+        clock = MonotonicClock()
+        camera = choice.options.build(DriverContext(name=choice.name, clock=clock))
+    return Source(capture=capture_for(camera, clock), is_live=camera.is_live)
 
 
 def _once(choice: DriverChoice) -> DriverChoice:

@@ -28,21 +28,18 @@ _PROFILES = ("Display P3", "Adobe RGB (1998)", "ProPhoto RGB")
 _ICC = b"ICC_PROFILE\0"
 
 
-def profile_notes(paths: Iterable[Path]) -> tuple[str, ...]:
-    """Return a note for each colour profile among pictures that is not sRGB; none for what cannot be read."""
+def profile_notes(paths: Iterable[Path]) -> Iterator[str]:
+    """Yield a note for each colour profile among pictures that is not sRGB; none for what cannot be read."""
     of_profile: dict[str, list[Path]] = {}
     for path in paths:
         if name := other_profile(path):
             of_profile.setdefault(name, []).append(path)
-    return tuple(_note(name, pictures) for name, pictures in of_profile.items())
-
-
-def _note(name: str, pictures: list[Path]) -> str:
-    others = f" and {len(pictures) - 1} more" if len(pictures) > 1 else ""
-    return (
-        f"{pictures[0]}{others}: the colours are in the profile '{name}', not sRGB, and are read as if they were sRGB; "
-        "take the colour range of a ball from such pictures too, or convert them to sRGB"
-    )
+    for name, pictures in of_profile.items():
+        others = f" and {len(pictures) - 1} more" if len(pictures) > 1 else ""
+        yield (
+            f"{pictures[0]}{others}: the colours are in the profile '{name}', not sRGB, and are read as if they were "
+            "sRGB; take the colour range of a ball from such pictures too, or convert them to sRGB"
+        )
 
 
 def other_profile(path: Path) -> str:

@@ -10,6 +10,7 @@ import re
 import shutil
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
+from itertools import dropwhile
 from pathlib import Path
 
 from msgspec import Struct
@@ -125,16 +126,11 @@ def files_of(file: Path, version: str) -> dict[str, str]:
         NotThereError: There is no such version.
         UnreadableError: It cannot be read.
     """
-    later = [each for each in reversed(versions(file)) if each.number >= _number(version)]
-    if not later or later[0].id != version:
+    later = [*dropwhile(lambda each: each.id != version, reversed(versions(file)))]
+    if not later:
         raise NotThereError(f"there is no version {version!r} in {file.parent / VERSIONS}")
     found = {name: kept for each in reversed(later) for name, kept in each.files().items()}
     return {name: read_untrusted_text(kept, CONFIGURATION_MAX_BYTES) for name, kept in found.items()}
-
-
-def _number(version: str) -> int:
-    match = _ID.fullmatch(version)
-    return int(match[1]) if match else 0
 
 
 def _all(folder: Path) -> list[Version]:
