@@ -110,34 +110,27 @@ def fit_distances(
             not tell the focal length.
         StadimeterError: A picture can no longer be read.
     """
-    plain = rough_model(known)
     optics = frame_of(known[0].picture).optics
-    rough = replace(plain, optics=optics)
+    rough = replace(rough_model(known), optics=optics)
     looked = _look_again(known, frame_of, choices, rough)
-    usable, left_out = _split_by_found(looked, looked)
+    usable = tuple(each for each in looked if each.is_usable)
+    left_out = tuple(each for each in looked if not each.is_usable)
     pairs = zip(known, looked, strict=True)
-    elsewhere = tuple(again for before, again in pairs if again in usable and _is_elsewhere(before, again))
+    elsewhere = tuple(again for before, again in pairs if again.is_usable and _is_elsewhere(before, again))
     finished: Calibration | None = None
     while usable and finished is None:
-        if len(usable) > 1:  # one picture cannot tell the edge bias
-            usable = _with_bias_undone(usable, frame_of, choices, rough)
+        if len(usable) > 1:  # a look with an edge bias shows what one changes; one picture cannot tell it
+            biased = _look_again(usable, frame_of, choices, replace(rough, edge_bias_px=BIAS_STEP_PX))
+            both = zip(usable, biased, strict=True)
+            usable = tuple(replace(each, less_bias=less.detection) for each, less in both)
         check_agreement(usable, distance_relative_sigma=distance_relative_sigma)
         made = calibrate(usable, date=today(), distance_relative_sigma=distance_relative_sigma)
         made = replace(made, camera_model=replace(made.camera_model, optics=optics))
         again = _look_again(usable, frame_of, choices, made.camera_model)
-        usable, lost = _split_by_found(usable, again)
-        left_out += lost
-        finished = None if lost else with_readings(made, again)
+        usable = tuple(each for each, found in zip(usable, again, strict=True) if found.is_usable)
+        left_out += tuple(each for each in again if not each.is_usable)
+        finished = with_readings(made, again) if len(usable) == len(again) else None
     return DistanceFit(calibration=finished, left_out=left_out, elsewhere=elsewhere)
-
-
-def _split_by_found(
-    known: Sequence[KnownDistance], again: Sequence[KnownDistance]
-) -> tuple[tuple[KnownDistance, ...], tuple[KnownDistance, ...]]:
-    """Return the pictures in which the target is found again, and those looked at again in which it is not."""
-    is_found = [each.is_usable for each in again]
-    found = tuple(each for each, is_good in zip(known, is_found, strict=True) if is_good)
-    return found, tuple(each for each, is_good in zip(again, is_found, strict=True) if not is_good)
 
 
 def remedy_words(
@@ -163,19 +156,6 @@ def _look_again(
     (target,) = build_detectors(choices, model)
     again = (look_at_distance(each.picture, frame_of(each.picture), each.depth_m, target, model) for each in known)
     return tuple(replace(each, is_confirmed=before.is_confirmed) for before, each in zip(known, again, strict=True))
-
-
-def _with_bias_undone(
-    known: Sequence[KnownDistance], frame_of: FrameOf, choices: Sequence[DriverChoice], rough: CameraModel
-) -> tuple[KnownDistance, ...]:
-    """Look again with a camera model that has an edge bias, to see what an edge bias changes.
-
-    Args:
-        known: Pictures in which the target was found whole through the rough model.
-        rough: A camera model that was made from them, without an edge bias.
-    """
-    biased = _look_again(known, frame_of, choices, replace(rough, edge_bias_px=BIAS_STEP_PX))
-    return tuple(replace(each, less_bias=less.detection) for each, less in zip(known, biased, strict=True))
 
 
 def _is_elsewhere(known: KnownDistance, again: KnownDistance) -> bool:
