@@ -54,17 +54,23 @@ class CalibrationStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """Have the most certain way ready that there is."""
-        name = thing_of(known.answers)
+        name, has_limb = thing_of(known.answers), bool(target_shape(build_target(known)).limb_radius_m)
         put = f" Put the {name} into the middle of the picture." if known.is_live else ""
-        options = tuple(_options(known))
+        # To a ball, a distance with a picture is another than one alone.
+        to = "its nearest point" if has_limb else f"the {name}"
+        to_middle = " to the ball's middle" if has_limb else ""
+        measure = f"Measure from the lens to {to}."
+        if has_limb and not known.is_live:
+            measure = f"Measure from the lens:{to_middle} if you name a picture, to {to} if you give a distance alone."
+        options = tuple(_options(known, to_middle))
         return Question(
-            text=f"How far away is the {name}? That calibrates the camera.{put} {_how_to_measure(known)}",
+            text=f"How far away is the {name}? That calibrates the camera.{put} {measure}",
             options=options,
             ready=options[0].answer,
             unattended=GUESS if known.is_live and options[0].answer != CAMERA_FILE else "",
             form=(
-                f"a distance to {_measured_to(known)}, such as 1 m, or 1 m ± 5 mm if you know how well; pictures with "
-                f"their distances{_to_middle(known)}, such as near.jpg@50cm far.jpg@2m; a camera file; or how wide "
+                f"a distance to {to}, such as 1 m, or 1 m ± 5 mm if you know how well; pictures with "
+                f"their distances{to_middle}, such as near.jpg@50cm far.jpg@2m; a camera file; or how wide "
                 "the camera sees, such as 60 deg"
             ),
         )
@@ -97,25 +103,7 @@ def _pictures(known: Known, text: str) -> list[str]:
     return [f"{paths.get(name, name)}{at}{distance}" for name, at, distance in named]
 
 
-def _measured_to(known: Known) -> str:
-    has_limb = target_shape(build_target(known)).limb_radius_m
-    return "its nearest point" if has_limb else f"the {thing_of(known.answers)}"
-
-
-def _to_middle(known: Known) -> str:
-    """Return the point that the distance of a picture goes to, where that is another one than before a camera."""
-    return " to the ball's middle" if target_shape(build_target(known)).limb_radius_m else ""
-
-
-def _how_to_measure(known: Known) -> str:
-    """Say between which points a distance is meant: to a ball, that with a picture is another than that alone."""
-    to = _measured_to(known)
-    if known.is_live or not target_shape(build_target(known)).limb_radius_m:
-        return f"Measure from the lens to {to}."
-    return f"Measure from the lens: to the ball's middle if you name a picture, to {to} if you give a distance alone."
-
-
-def _options(known: Known) -> Iterator[Option]:
+def _options(known: Known, to_middle: str) -> Iterator[Option]:
     """Yield answers, the most certain first: a camera file, a live picture, pictures named ``2ft.png``, and a guess."""
     if _is_usable(known, CAMERA_FILE):
         yield Option(CAMERA_FILE, "the camera file in this folder")
@@ -123,7 +111,7 @@ def _options(known: Known) -> Iterator[Option]:
         yield Option("1 m", f"the {thing_of(known.answers)} is 1 m from the lens now")
     named = {f"{known.relative(each.source)}@{Path(each.source).stem}" for each in known.frames if _is_named(each)}
     if named:
-        yield Option(shlex.join(sorted(named)), f"the distances in the names of the pictures{_to_middle(known)}")
+        yield Option(shlex.join(sorted(named)), f"the distances in the names of the pictures{to_middle}")
     yield Option(GUESS, "a guess of how wide the camera sees; distances may be wrong by 10 %")
 
 
@@ -173,29 +161,20 @@ def _picture_now(known: Known, text: str) -> tuple[str, tuple[str, ...]]:
         It as ``PICTURE@DEPTH``, and what was seen.
     """
     distance_m, relative_sigma = parse_distance(text)
-    frame, seen = _take_live(known, distance_m) if known.is_live else take_shown(known)
+    choice = build_target(known)
+    if known.is_live and known.camera is not None:
+        with known.opening(known.camera) as source:
+            take = take_at(source, choice, distance_m)
+        known.frames, seen = (take.frame,), f"{take.words[0].upper()}{take.words[1:]}."
+    else:
+        found, seen = look(known, choice)
+        if not found.is_whole:
+            raise ConfigError(seen)
     picture = f"{PICTURES}/at-{distance_m:g}m.png"
-    write_picture(known.path(picture), frame.image, frame.optics)
-    depth_m = distance_m + target_shape(build_target(known)).limb_radius_m
+    write_picture(known.path(picture), known.frame.image, known.frame.optics)
+    depth_m = distance_m + target_shape(choice).limb_radius_m
     known_to = "" if relative_sigma == DISTANCE_RELATIVE_SIGMA else f"±{relative_sigma * depth_m:.4g}m"
     return f"{picture}@{depth_m:.5g}m{known_to}", (seen,)
-
-
-def _take_live(known: Known, distance_m: float) -> tuple[Frame, str]:
-    if known.camera is None:
-        raise ConfigError("there is no camera")
-    with known.opening(known.camera) as source:
-        take = take_at(source, build_target(known), distance_m)
-    known.frames = (take.frame,)
-    return take.frame, f"{take.words[0].upper()}{take.words[1:]}."
-
-
-def take_shown(known: Known) -> tuple[Frame, str]:
-    """Look for the target, and return the picture in which it is, with a sentence about it."""
-    found, words = look(known, build_target(known))
-    if not found.is_whole:
-        raise ConfigError(words)
-    return known.frame, words
 
 
 # Relative standard deviation of a focal length from a guessed width of the view.

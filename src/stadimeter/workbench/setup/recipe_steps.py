@@ -136,16 +136,6 @@ def reach_m(known: Known) -> tuple[float, float]:
     return known.reach_m
 
 
-def ready_answers(known: Known, recipe: recipes.Recipe) -> dict[str, str]:
-    """Return the ready answers to the blanks, nearer or farther where the camera would not see the target there."""
-    whole_m, seen_m = reach_m(known)
-    lengths = {blank.key: parse_length(blank.ready) for blank in recipe.blanks if is_distance(recipe, blank)}
-    nearer = min(1.0, WITHIN_REACH * seen_m / max(lengths.values(), default=1.0))
-    scale = max(nearer, whole_m / min(lengths.values(), default=1.0))
-    scaled = {key: f"{scale * length_m:.2g} m" for key, length_m in lengths.items() if scale != 1}
-    return {blank.key: scaled.get(blank.key, blank.ready) for blank in recipe.blanks}
-
-
 def is_distance(recipe: recipes.Recipe, blank: recipes.Blank) -> bool:
     """Check whether a blank is how far away the target is, rather than a size, or something of camera and lens."""
     return blank.unit == "m" and bool(recipe.output) and blank.key != "side"
@@ -174,12 +164,21 @@ class BlankStep(SetupStep):
         )
 
     def _ready(self, known: Known) -> str:
-        """Return the ready answer; of a second tag the first number that is not the target itself."""
+        """Return the ready answer: of a second tag the first number that is not the target itself.
+
+        Distances are all nearer, or all farther, where the camera would not see the target at one of them.
+        """
         if self.blank.kind == "part":
             return self.blank.ready if Computer().is_pi else recipes.SCREEN
         if self.blank.kind == "number":
             return next(text for text in (self.blank.ready, "8") if not _is_target(known, text))
-        return ready_answers(known, self.recipe)[self.blank.key] if self.blank.unit == "m" else self.blank.ready
+        if not is_distance(self.recipe, self.blank):
+            return self.blank.ready
+        whole_m, seen_m = reach_m(known)
+        lengths_m = [parse_length(each.ready) for each in self.recipe.blanks if is_distance(self.recipe, each)]
+        nearer = min(1.0, WITHIN_REACH * seen_m / max(lengths_m))
+        scale = max(nearer, whole_m / min(lengths_m))
+        return self.blank.ready if scale == 1 else f"{scale * parse_length(self.blank.ready):.2g} m"
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Check its limits and what follows from it; and whether the camera can serve it."""
