@@ -132,6 +132,7 @@ def shrink(image: Image, scale: float) -> Image:
     """Return a smaller copy of a picture; itself where the scale is 1 or more."""
     if scale >= 1:
         return image
+    scale = max(scale, 1 / min(image.shape[:2]))  # a pixel at least
     return np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
 
 

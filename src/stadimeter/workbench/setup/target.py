@@ -372,4 +372,5 @@ def draw_findings(frame: Frame, seen: Detection, measured: Measurement | None) -
 
 def encode_jpeg(image: Image, width_px: int = 0) -> bytes:
     """Return a picture as JPEG, no wider than asked for; 0 for as it is."""
-    return pictures.encode_jpeg(pictures.shrink(image, width_px / image.shape[1] or 1.0), JPEG_QUALITY)
+    scale = width_px / image.shape[1] if width_px > 0 else 1.0
+    return pictures.encode_jpeg(pictures.shrink(image, scale), JPEG_QUALITY)
