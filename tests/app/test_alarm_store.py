@@ -151,7 +151,7 @@ def test_a_change_that_was_cut_off_by_a_power_cut_leaves_what_was_there_before(p
 SEVERAL = (NEAR, FAR, *(replace(NEAR, rule=f"gate {number}", meaning=f"{number:064x}") for number in range(8)))
 
 
-@pytest.mark.parametrize("flips", [200, pytest.param(10_000, marks=[pytest.mark.long, pytest.mark.timeout(600)])])
+@pytest.mark.parametrize("flips", [200, pytest.param(10_000, marks=[pytest.mark.long, pytest.mark.timeout(1800)])])
 def test_flipped_bytes_are_damage_and_never_another_memory_or_the_end_of_a_start(path, flips):
     store = AlarmStore(path)
     store.open()

@@ -22,20 +22,18 @@ def rig(tmp_path):
 
 
 def test_a_camera_that_blocks_puts_the_output_at_its_safe_value_and_the_run_goes_on(rig):
-    decisions = []
-
     def listen(record, _frame):
-        decisions.append(record.decision)
-        if rig.loop.history.frames == 20:
+        if rig.loop.history.frames >= 20 and record.decision.safety == "active":
             rig.camera.blocked.set()
-        if rig.camera.blocked.is_set() and record.decision.safety == "stale":
+        # A busy machine may have stood still before: then that is the reason at first.
+        if rig.camera.blocked.is_set() and record.decision.safety_reason.startswith("the newest frame is "):
+            assert record.decision.safety == "stale"
             assert rig.motor.level == 0.0
             rig.loop.stop("it was noticed")
 
     rig.loop.listeners.append(listen)
     rig.loop.run(Limits(seconds=120))
     assert rig.loop.ending == "it was noticed"
-    assert decisions[-1].safety_reason.startswith("the newest frame is ")
 
 
 class Supervised:

@@ -340,7 +340,7 @@ def test_a_camera_is_let_go_by_a_read_that_outlasts_closing(monkeypatch: pytest.
     assert sensor.held == 1
     go_on.set()
     thread.join(120)
-    assert sensor.held == 0
+    eventually(lambda: sensor.held == 0)
     assert isinstance(errors[0], DeviceClosedError)
 
 

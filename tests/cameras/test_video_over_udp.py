@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import socket
 import subprocess
 from collections.abc import Iterator
 
@@ -11,6 +10,7 @@ import pytest
 
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
+from support.broker import free_port
 from support.programs import needs
 
 pytestmark = [pytest.mark.long, needs("ffmpeg")]
@@ -21,9 +21,7 @@ CODEC = ["-c:v", "libx264", "-preset", "ultrafast", "-tune", "zerolatency", "-pi
 
 @pytest.fixture
 def address() -> str:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        return f"udp://127.0.0.1:{free.getsockname()[1]}"
+    return f"udp://127.0.0.1:{free_port()}"
 
 
 @pytest.fixture

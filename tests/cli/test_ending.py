@@ -377,7 +377,7 @@ def test_nohup_outlives_its_terminal_because_that_was_asked_for(robot, terminal)
     robot.process.send_signal(signal.SIGHUP)
     time.sleep(0.5)
     assert robot.process.poll() is None
-    assert robot.drives()
+    assert eventually(robot.drives)  # a stall of a busy machine stops it for a moment
     assert robot.end() == (0, USUAL_WARNINGS)
 
 
@@ -386,7 +386,7 @@ def test_without_a_terminal_a_hangup_has_it_read_its_file_again_and_it_drives_on
     robot.process.send_signal(signal.SIGHUP)
     line = b"".join(robot.process.stderr.readline() for _ in range(3))  # two warnings come first
     assert b"the configuration was reloaded" in line
-    assert robot.drives()
+    assert eventually(robot.drives)
     robot.end()
     assert json.loads(robot.process.stdout.read())["ended"] == "SIGTERM"
 

@@ -6,10 +6,10 @@ import json
 import os
 import pty
 import resource
+import select
 import signal
 import subprocess
 import sys
-import time
 import tty
 from collections.abc import Iterator
 from pathlib import Path
@@ -118,22 +118,22 @@ def test_a_run_that_begins_no_cycle_leaves_an_older_journal_where_it_is(config: 
 
 
 @pytest.fixture
-def stuck() -> Iterator[str]:
+def stuck() -> Iterator[int]:
     """Return a terminal that takes a few kilobytes and then hangs, as a disk may: its other side is never read."""
     ours, theirs = pty.openpty()
     tty.setraw(theirs)
-    yield os.ttyname(theirs)
+    yield theirs
     os.close(ours)
     os.close(theirs)
 
 
 @pytest.mark.long
-def test_a_disk_that_hangs_does_not_keep_a_run_from_ending_on_sigterm(config: Path, stuck: str) -> None:
-    words = command(config, "--speed", 0, "--journal", stuck)
+def test_a_disk_that_hangs_does_not_keep_a_run_from_ending_on_sigterm(config: Path, stuck: int) -> None:
+    words = command(config, "--speed", 0, "--journal", os.ttyname(stuck))
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
         assert run.stdout is not None
         assert run.stdout.readline()
-        time.sleep(1.0)  # until the terminal is full
+        eventually(lambda: not select.select([], [stuck], [], 0.1)[1])  # the terminal is full
         run.send_signal(signal.SIGTERM)
         out, err = run.communicate(timeout=120)  # without a bound, it would be never
     assert run.returncode == 0, err
@@ -236,6 +236,7 @@ def test_a_clip_spans_a_reload_ends_whole_at_sigterm_and_replays(tmp_path: Path)
         assert done.returncode == 0
         clip = tmp_path / "recordings" / "clips" / json.loads(done.stdout)["clip"]
         eventually(clip.exists)
+        eventually(lambda: "near: active" in typed("status", env=environ).stdout)
     finally:
         run.send_signal(signal.SIGTERM)
         _, said = run.communicate(timeout=60)

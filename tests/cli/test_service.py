@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from stadimeter.testing.rig import eventually
 from support.cameras import StreamServer
 from support.simulated_run import LENS, SIMULATED_BALL
 
@@ -106,12 +107,12 @@ class System:
                 return True
         return False
 
-    def kill(self) -> str:
-        """Abort the process, kill it if that does not end it, and return what it had said."""
+    def kill(self, within_s: float = HANGS_S) -> str:
+        """Abort the process, kill it if that does not end it in time, and return what it had said."""
         assert self.process is not None
         self.process.send_signal(signal.SIGABRT)
         try:
-            said = self.process.communicate(timeout=1.0)[0]
+            said = self.process.communicate(timeout=within_s)[0]
         except subprocess.TimeoutExpired:
             self.process.kill()
             said = self.process.communicate()[0]
@@ -133,7 +134,8 @@ class System:
         return (self.folder / "pins").read_text().splitlines()
 
     def log(self) -> str:
-        return (self.state / "box.log").read_text()
+        log = self.state / "box.log"
+        return log.read_text() if log.exists() else ""
 
     def close(self) -> None:
         if self.process is not None:
@@ -166,7 +168,7 @@ def test_a_process_that_hangs_as_a_whole_is_killed_and_its_pins_are_switched_off
     assert system.process is not None
     system.process.send_signal(signal.SIGSTOP)
     assert not system.waits_for(lambda _line: False, WATCHDOG_S)
-    system.kill()
+    system.kill(1.0)
     assert system.process.returncode == -signal.SIGKILL  # it could not take the first signal
     assert system.stop_post() == ["set 18 op dl", "set 5 op dh"]
 
@@ -189,12 +191,12 @@ main()
 """
     system.start("-c", hanging)
     assert system.waits_for(is_ready)
+    eventually(lambda: "raised" in system.log())
     assert not system.waits_for(lambda _line: False, WATCHDOG_S)
     said = system.kill()
     assert system.process is not None
     assert system.process.returncode == -signal.SIGABRT
     assert "in _run_cycles" in said
-    assert "raised" in system.log()
 
 
 @pytest.mark.long

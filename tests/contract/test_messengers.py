@@ -37,7 +37,7 @@ def paho_rig(tunnel: Tunnel, broker: MosquittoBroker, answer_s: float) -> Iterat
         tunnel.mend()
         closing.callback(tunnel.cut)
         listener = closing.enter_context(MqttListener(broker.port))
-        patience = Patience(answer_s=answer_s, first_pause_s=0.05, longest_pause_s=0.2)
+        patience = Patience(answer_s=answer_s, first_pause_s=0.05, longest_pause_s=0.2, goodbye_s=10.0)
         messenger = PahoMessenger(MqttOptions(port=tunnel.port, node="contract"), patience)
         closing.callback(messenger.close)
 

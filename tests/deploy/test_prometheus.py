@@ -6,7 +6,6 @@ import json
 import math
 import re
 import shutil
-import socket
 import subprocess
 import sys
 import urllib.parse
@@ -22,6 +21,7 @@ from msgspec import Struct
 from stadimeter.app.control.client import ask
 from stadimeter.testing.rig import eventually
 from stadimeter.web.passwords import PasswordFile
+from support.broker import free_port
 from support.browser import ROOM, Served, served
 from support.metered_run import metered_run
 from support.page import OPERATE, served_page
@@ -111,8 +111,7 @@ def prometheus(deploy: Path, folder: Path, *targets: tuple[str, str]) -> Iterato
     file.write_text(head + "".join(jobs))
     shutil.copy(deploy / "prometheus" / "stadimeter-alerts.yml", folder)
     promtool("check", "config", file)
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        address = f"127.0.0.1:{probe.getsockname()[1]}"
+    address = f"127.0.0.1:{free_port()}"
     storage, listens = f"--storage.tsdb.path={folder / 'tsdb'}", f"--web.listen-address={address}"
     with (folder / "prometheus.log").open("w") as log:
         process = subprocess.Popen([str(PROMETHEUS), f"--config.file={file}", storage, listens], stdout=log, stderr=log)

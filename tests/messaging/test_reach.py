@@ -47,9 +47,9 @@ def test_the_login_of_the_configuration_is_tried(start_broker, tmp_path, passwor
 
 
 def test_each_way_not_to_answer_has_its_words(tmp_path, monkeypatch):
-    monkeypatch.setattr(mqtt, "ASKED_S", 0.2)
     assert "is a broker running there?" in options(free_port()).reach()
     missing = options(free_port(), username="pi", password_file=str(tmp_path / "none"))
     assert "cannot be read" in missing.reach()
+    monkeypatch.setattr(mqtt, "ASKED_S", 0.2)
     with socket.create_server((HOST, 0)) as silent:
         assert options(silent.getsockname()[1]).reach().endswith("does not answer")

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from stadimeter.core.frame import Image
+from support.broker import free_port
 
 
 def picture(number: int) -> Image:
@@ -85,9 +86,13 @@ STREAM_PERIOD_S = 0.02
 
 
 class StreamServer:
-    """Sends JPEG pictures of noise over HTTP, as network cameras do, until it is stopped."""
+    """Sends JPEG pictures of noise over HTTP, as network cameras do, until it is stopped.
 
-    def __init__(self, port: int = 0) -> None:
+    Args:
+        port: Where it listens; None for one that nothing else takes while it is stopped.
+    """
+
+    def __init__(self, port: int | None = None) -> None:
         self._is_stopped = threading.Event()
         owner = self
 
@@ -99,7 +104,7 @@ class StreamServer:
             def log_message(self, *args: object) -> None:
                 """Say nothing."""
 
-        self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        self._server = ThreadingHTTPServer(("127.0.0.1", port or free_port()), Handler)
         self._server.daemon_threads = False
         self._thread = threading.Thread(target=self._server.serve_forever, args=(0.01,))
         self._thread.start()

@@ -10,7 +10,7 @@ def is_running(pid: int) -> bool:
     """Return whether a process is there and has not ended; one that nobody waits for stays as a zombie."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):
         return False
 
 

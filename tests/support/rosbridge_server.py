@@ -14,6 +14,8 @@ from typing import Any
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import Server, ServerConnection, serve
 
+from support.broker import free_port
+
 
 class RosbridgeServer:
     """The bridge, and the one topic ``/cmd_vel`` of its robot.
@@ -36,7 +38,7 @@ class RosbridgeServer:
         self._drive = drive
         self._connections: set[ServerConnection] = set()
         self._server: Server | None = None
-        self._port = 0
+        self._port = free_port()  # nothing else takes it while it is stopped
         self.start()
 
     @property
@@ -52,7 +54,6 @@ class RosbridgeServer:
     def start(self) -> None:
         """Listen, at the same port as before."""
         self._server = serve(self._talk, "127.0.0.1", self._port, ping_interval=None)
-        self._port = self._server.socket.getsockname()[1]
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
     def stop(self) -> None:

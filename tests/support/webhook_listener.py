@@ -14,7 +14,7 @@ class WebhookListener:
     """Listens while it is open, and remembers what was posted to it.
 
     Attributes:
-        posted: The bodies of all requests, read as JSON, in the order in which they were answered with success.
+        posted: The bodies of all requests, read as JSON, in the order in which they are answered with success.
         is_free: Cleared, requests are left without an answer until it is set.
         asked: Set as soon as a request has come.
     """
@@ -32,10 +32,10 @@ class WebhookListener:
                 body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
                 listener.asked.set()
                 listener.is_free.wait()
+                if listener.status == 200:  # before the answer, after which whoever asked may look
+                    listener.posted.append(json.loads(body))
                 self.send_response(listener.status)
                 self.end_headers()
-                if listener.status == 200:
-                    listener.posted.append(json.loads(body))
 
             def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the name is http.server's
                 pass

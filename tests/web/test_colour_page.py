@@ -48,7 +48,7 @@ def test_sliders_show_the_mask_of_the_live_picture_and_what_the_ball_and_the_res
     with tab(browser, size=size) as page:
         dialog = opened(page, still)
         assert values(page) == [29, 64, 86, 255, 6, 255]
-        assert page.evaluate("document.querySelector('dialog img').naturalWidth") == 640
+        until(page, "document.querySelector('dialog img').naturalWidth === 640")
         assert faults_of(page) == []
         move(page, "Hue from", 100)
         move(page, "Hue to", 10)

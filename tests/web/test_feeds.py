@@ -249,14 +249,12 @@ def read_some(connection, size):
 
 @pytest.mark.long
 def test_one_who_never_reads_holds_nobody_up_and_is_hung_up_on(tmp_path, talkative, monkeypatch):
-    monkeypatch.setattr(serving, "STUCK_MAX_S", 0.5)
+    monkeypatch.setattr(serving, "STUCK_MAX_S", 2.0)
     with served_page(tmp_path, socket=talkative) as site:
         feed = site.page.feeds["plain"]
         with connected(site.port, small=True) as deaf, connected(site.port) as quick:
-            deaf.sendall(LIVE % b"plain")
-            eventually(lambda: feed._watchers == 1)
             quick.sendall(LIVE % b"plain")
-            eventually(lambda: feed._watchers == 2)
+            eventually(lambda: feed._watchers == 1)
             reading = threading.Event()
 
             def read():
@@ -265,6 +263,8 @@ def test_one_who_never_reads_holds_nobody_up_and_is_hung_up_on(tmp_path, talkati
 
             thread = threading.Thread(target=read)
             thread.start()
+            deaf.sendall(LIVE % b"plain")
+            eventually(lambda: feed._watchers == 2)
             eventually(lambda: feed._watchers == 1)  # the kernel gave the deaf one up, and the other still reads
             reading.set()
             thread.join()
@@ -357,7 +357,7 @@ def nonsense(chance):
     return text
 
 
-@pytest.mark.parametrize("count", [400, pytest.param(10_000, marks=[pytest.mark.long, pytest.mark.timeout(300)])])
+@pytest.mark.parametrize("count", [400, pytest.param(10_000, marks=[pytest.mark.long, pytest.mark.timeout(1800)])])
 def test_requests_that_make_no_sense_do_no_harm(tmp_path, monkeypatch, count):
     quicken(monkeypatch)
     monkeypatch.setattr(serving, "IDLE_MAX_S", 0.4)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -152,7 +152,7 @@ def test_figures_that_go_on_changing_are_not_read_aloud(browser, moving, view):
         page.wait_for_timeout(1000)
         page.evaluate(SPOKEN)
         page.wait_for_timeout(3000)
-        assert len(page.evaluate("window.spoken")) <= 2  # an alarm that comes or goes
+        assert len(set(page.evaluate("window.spoken"))) <= 3  # an alarm that comes or goes, a machine that stands still
 
 
 FITS = f"""[".picture", ".chart", ".rules", ".output", ".output ~ .output"].every((part) => {{
@@ -203,19 +203,22 @@ def test_an_output_is_on_only_while_the_button_is_held(browser, still):
         buzzer.locator("summary").click()
         level = "document.querySelectorAll('.output')[1].querySelector('output').textContent"
         pressed = "document.querySelectorAll('.output')[1].querySelector('.hold').getAttribute('aria-pressed')"
+        held = f"{level} === '50 %' && document.querySelectorAll('.output')[1].textContent.includes('held by')"
         button = buzzer.get_by_role("button", name="Hold to test")
+
+        def hold(press: Callable[[], None], let_go: Callable[[], None]) -> None:
+            press()
+            # A busy computer answers too late to hold an output: the page says so, and a person presses again.
+            while until(page, f"{held} ? 'on' : {pressed} === 'false' && 'too slow'") == "too slow":
+                let_go()
+                press()
+
         button.hover()
-        page.mouse.down()
-        until(page, f"{level} === '50 %'")
-        buzzer.get_by_text("held by").wait_for()
+        hold(page.mouse.down, page.mouse.up)
         page.mouse.up()
         until(page, f"{level} === '0 %'")
         button.focus()
-        page.keyboard.down(" ")
-        # A busy computer answers too late to hold an output: the page says so, and a person presses again.
-        while until(page, f"{level} === '50 %' ? 'on' : {pressed} === 'false' && 'too slow'") == "too slow":
-            page.keyboard.up(" ")
-            page.keyboard.down(" ")
+        hold(lambda: page.keyboard.down(" "), lambda: page.keyboard.up(" "))
         page.evaluate("window.dispatchEvent(new Event('blur'))")
         until(page, f"{level} === '0 %'")
         assert button.get_attribute("aria-pressed") == "false"

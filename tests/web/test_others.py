@@ -19,6 +19,7 @@ from stadimeter.errors import PageError
 from stadimeter.testing.rig import eventually
 from stadimeter.web.others import OtherPage, Others, read_tokens
 from stadimeter.web.passwords import PasswordFile
+from support.broker import free_port
 from support.browser import STILL, Served, served, tab
 from support.page import faults_of
 
@@ -60,11 +61,11 @@ def garage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 def test_the_alarms_of_another_page_are_known_and_one_that_hangs_holds_no_answer_up(garage, tmp_path):
     with closing(socket.create_server(("127.0.0.1", 0))) as hanging:  # takes connections, and says nothing
         hangs = f"http://127.0.0.1:{hanging.getsockname()[1]}"
-        with closing(socket.create_server(("127.0.0.1", 0))) as gone:
-            nobody = f"http://127.0.0.1:{gone.getsockname()[1]}"
+        nobody = f"http://127.0.0.1:{free_port()}"
         with served(tmp_path, naming(garage.url, hangs, nobody), runs=False) as here:
             states = {each["url"]: each["state"] for each in ask(here, "/api/v1/others")[1]["others"]}
             assert states[hangs] == "asked", "answered while it was still waited for"
+            eventually(lambda: known(here, garage.url)["alarms"], 60.0)  # which it may raise after it has answered
             there = wait_for(here, garage.url, "live")
             (alarm,) = there["alarms"]
             assert (alarm["rule"], alarm["acknowledged"], there["age_s"] < 60) == ("near", False, True)

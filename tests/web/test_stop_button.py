@@ -57,8 +57,8 @@ def test_outputs_go_to_their_safe_values_and_act_again_when_they_are_released(br
         until(page, f"{LEVEL} === '100 %'")
         page.get_by_role("button", name="Stop every output").press("Enter")
         until(page, f"{LEVEL} === '0 %'")
-        page.get_by_text("outputs stopped").first.wait_for()
-        assert page.locator(".event").first.inner_text().count("by the page at") == 1  # who it was is said once
+        stopped = page.locator(".event", has_text="outputs stopped").first
+        assert stopped.inner_text().count("by the page at") == 1  # who it was is said once
         release(page)
         until(page, f"{LEVEL} === '100 %'")
         page.get_by_text("all clear").first.wait_for()

@@ -7,7 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
-import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from stadimeter.app.control.client import find
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError, ControlError, DeviceOpenError, StadimeterError
+from stadimeter.testing.rig import eventually
 from stadimeter.web.routes import PAGE_OPERATIONS
 from stadimeter.workbench.server.operations import Desk, DeskReply, find_operation
 from support.browser import ROOM
@@ -240,10 +241,10 @@ def test_the_camera_of_a_run_is_seen_through_the_run(tmp_path: Path, monkeypatch
 
 
 def _listening(configuration: Path, run: subprocess.Popen[bytes]) -> Path:
-    until_s = time.monotonic() + 30
-    while time.monotonic() < until_s and run.poll() is None:
-        try:
+    def found() -> Path | None:
+        assert run.poll() is None, "the run did not begin to listen"
+        with suppress(ControlError):
             return find(configuration)
-        except ControlError:
-            time.sleep(0.05)
-    raise AssertionError("the run did not begin to listen")
+        return None
+
+    return eventually(found)

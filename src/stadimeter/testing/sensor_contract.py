@@ -39,8 +39,7 @@ class SensorRig(Rig[RangeSensor], frozen=True, kw_only=True):
 
     def first(self) -> Echo:
         """Wait for a measurement and return it."""
-        self.eventually(lambda: self.read() is not None)
-        echo = self.device.read()
+        echo = self.eventually(self.read)
         assert echo is not None
         return echo
 
