@@ -122,8 +122,9 @@ def main(current: str, configuration: str) -> None:
         import_system_libraries()
         measure()
         check(Path(current), Path(configuration))
-    except FailedError as trouble:
-        print(*str(trouble).split())
+    except Exception as trouble:  # noqa: BLE001 - whatever it is, the old version stays and says why
+        kind = () if isinstance(trouble, FailedError) else (f"{type(trouble).__name__}:",)
+        print(*kind, *str(trouble).split())
         sys.exit(1)
 
 

@@ -365,6 +365,20 @@ class TestUpgrade:
         assert f"it cannot use {CONFIGURATION}, and the version that runs can" in done.stderr
         assert version(root) == full("1.0")
 
+    def test_a_run_that_measures_nothing_keeps_the_old_version_and_says_why(self, root, package):
+        idle = rewrite("stadimeter/__main__.py", "    gc.set_threshold(OBJECTS_TO_COLLECT)", "    raise SystemExit(0)")
+        done = root.install(package("1.4", idle))
+        assert done.returncode == 0
+        assert f"and {full('1.0')} stays: FileNotFoundError: " in done.stderr
+        assert version(root) == full("1.0")
+
+    def test_a_system_without_a_folder_for_temporary_files_keeps_the_old_version_and_names_it(self, root, second):
+        shutil.rmtree(root / "/tmp")  # noqa: S108 - of a root of its own
+        done = root.try_to("dpkg", "--install", put(root, second))
+        assert done.returncode == 0, done.stderr
+        assert re.search(f"{re.escape(full('1.0'))} stays: mktemp: .*/tmp/.*No such file or directory", done.stderr)
+        assert (status(root), version(root)) == (f"install ok installed {full('1.1')}", full("1.0"))
+
     def test_a_library_that_the_new_version_lacks_and_the_configuration_needs_keeps_the_old_version(self, root, second):
         (packages,) = (root / HOME / "current/lib").glob("python3*/site-packages")
         (packages / "apprise.py").touch()
