@@ -19,7 +19,9 @@ from stadimeter.workbench.doctor.checks import CHECKS, CommandResult, Computer, 
 
 GROUP = "root:x:0:\ndialout:x:20:{dialout}\nvideo:x:44:{video}\ngpio:x:986:{gpio}\n"
 STATUS = "Name:\tpython\nUid:\t{uid}\t{uid}\t{uid}\t{uid}\nGroups:\t{groups} \n"
-OF_UNIT = "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileState,StatusText"
+OF_UNIT = (
+    "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileState,StatusText,FragmentPath,DropInPaths,NeedDaemonReload"
+)
 SAFE_CHECK = "/usr/lib/stadimeter/safe-outputs --check"
 RUNNING = "LoadState=loaded\nActiveState=active\nSubState=running\nResult=success\nNRestarts=0\nUnitFileState=enabled\n"
 IMX219 = {

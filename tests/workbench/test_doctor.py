@@ -22,6 +22,7 @@ from stadimeter.workbench.doctor.checks import (
     Diagnosis,
     DiagnosisSeverity,
     Examined,
+    filters_of,
     find_holder,
     run_command,
 )
@@ -219,6 +220,9 @@ class TestLibraries:
         assert answer.output.splitlines()[-1] == '{"trying": "ends"}'
 
 
+OVERRIDE = "/etc/systemd/system/stadimeter.service.d/override.conf"
+
+
 class TestService:
     SHOW = f"systemctl show stadimeter.service --property={OF_UNIT}"
     MASKED = ": nothing starts it, and one that runs is ended as if it hung, and may leave outputs on"
@@ -240,6 +244,14 @@ class TestService:
                 WRONG,
                 f"the service is masked and has failed (watchdog){MASKED}",
             ),
+            (
+                {"LoadState": "bad-setting", "ActiveState": "inactive", "DropInPaths": OVERRIDE},
+                WRONG,
+                f"the service cannot be started (bad-setting), changed by {OVERRIDE}",
+            ),
+            ({"DropInPaths": OVERRIDE}, FINE, f"the service runs, 0 restarts, changed by {OVERRIDE}"),
+            ({"NeedDaemonReload": "yes"}, WARNING, "the service runs, and its unit was changed since"),
+            ({"ActiveState": "activating"}, WARNING, "the service is activating, 0 restarts"),
             ({"LoadState": "not-found"}, FINE, "stadimeter is not installed as a service on this computer"),
         ],
     )
@@ -250,6 +262,12 @@ class TestService:
         shown = "".join(f"{key}={value}\n" for key, value in state.items())
         found = only(PI_4.printing(self.SHOW, shown), tmp_path, "service")
         assert (found.severity, found.seen) == (severity, seen)
+
+    def test_a_limit_of_starts_is_lifted_and_changes_are_taken_back_by_the_remedy(self, tmp_path: Path) -> None:
+        changed = f"ActiveState=failed\nResult=start-limit-hit\nDropInPaths={OVERRIDE}\n"
+        found = only(PI_4.printing(self.SHOW, f"{PI_4.commands[self.SHOW]}{changed}"), tmp_path, "service")
+        assert "`sudo systemctl revert stadimeter.service`" in found.remedy
+        assert found.remedy.endswith("; then `sudo systemctl reset-failed stadimeter.service`")
 
     @staticmethod
     def installed(captured: Captured) -> Captured:
@@ -430,6 +448,10 @@ class TestPins:
             (8, "dtparam=audio=on,spi=on"),
             (2, "dtparam=i2c_arm=on"),
             (15, "enable_uart=1"),
+            (14, "dtoverlay=disable-bt"),
+            (21, "dtoverlay=iqaudio-dacplus"),
+            (17, "dtoverlay=rotary-encoder"),
+            (9, "dtoverlay=spi0-1cs"),
         ],
     )
     def test_a_pin_that_config_txt_gives_away_is_found_with_its_line(
@@ -443,7 +465,8 @@ class TestPins:
         assert self.taken(PI_4.with_files(config_txt=lines.replace(line, f"#{line}")), tmp_path, gpio) == []
 
     @pytest.mark.parametrize(
-        ("filtered", "is_ours"), [("pi4", True), ("pi400", False), ("pi5", False), ("none", False), ("all", True)]
+        ("filtered", "is_ours"),
+        [("pi4", True), ("pi400", False), ("pi5", False), ("none", False), ("all", True), ("gpio4=1", False)],
     )
     def test_a_line_for_another_board_takes_no_pin(self, tmp_path: Path, filtered: str, is_ours: bool) -> None:
         captured = replace(PI_4, files={**PI_4.files, "/boot/config.txt": f"[{filtered}]\ndtoverlay=w1-gpio\n"})
@@ -451,6 +474,36 @@ class TestPins:
 
     def test_a_later_line_that_switches_it_off_frees_its_pins(self, tmp_path: Path) -> None:
         assert self.taken(PI_4.with_files(config_txt="dtparam=spi=on\ndtparam=spi=off\n"), tmp_path, 8) == []
+
+    @pytest.mark.parametrize(
+        ("lines", "gpios"),
+        [
+            ("dtoverlay=w1-gpio,gpiopin=17\ndtoverlay=w1-gpio,gpiopin=22", {17, 22}),
+            ("dtoverlay=w1-gpio\ndtparam=gpiopin=17\ndtparam=i2c_arm=on", {17, 2, 3}),
+            ("dtparam=i2c_arm=on\ndtparam=i2c=off", set()),
+            ("dtparam=spi", {7, 8, 9, 10, 11}),
+            ("include mine.txt\n[pi5]\ndtoverlay=dht11", {27}),
+        ],
+    )
+    def test_lines_that_belong_together_are_read_together(self, tmp_path: Path, lines: str, gpios: set[int]) -> None:
+        captured = PI_4.with_files(config_txt=f"{lines}\n")
+        captured = replace(
+            captured, files={**captured.files, "/boot/firmware/mine.txt": "dtoverlay=dht11,gpiopin=27\n"}
+        )
+        assert {gpio for gpio in range(2, 28) if self.taken(captured, tmp_path, gpio)} == gpios
+
+    @pytest.mark.parametrize(
+        ("model", "filters"),
+        [
+            ("Raspberry Pi Model B Plus Rev 1.2", {"[pi1]"}),
+            ("Raspberry Pi 3 Model B Plus Rev 1.3", {"[pi3]", "[pi3+]"}),
+            ("Raspberry Pi Zero 2 W Rev 1.0", {"[pi0]", "[pi0w]", "[pi02]"}),
+            ("Raspberry Pi 500 Rev 1.0", {"[pi5]", "[pi500]"}),
+            ("Raspberry Pi Compute Module 4 Rev 1.1", {"[pi4]", "[cm4]"}),
+        ],
+    )
+    def test_each_board_has_its_filters(self, model: str, filters: set[str]) -> None:
+        assert filters_of(model) - {"[all]", ""} == filters
 
     def test_a_pin_that_is_held_says_by_whom(self, tmp_path: Path) -> None:
         held = replace(PI_4, holders={18: "lg"})

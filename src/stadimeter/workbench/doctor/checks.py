@@ -19,11 +19,12 @@ import shutil
 import struct
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,25 +63,11 @@ class Diagnosis(Struct, frozen=True):
     remedy: str = ""
 
 
-def fine(seen: str) -> Diagnosis:
-    """Return that all is well."""
-    return Diagnosis(DiagnosisSeverity.FINE, seen)
-
-
-def warning(seen: str, remedy: str) -> Diagnosis:
-    """Report what may become a problem."""
-    return Diagnosis(DiagnosisSeverity.WARNING, seen, remedy)
-
-
-def wrong(seen: str, remedy: str) -> Diagnosis:
-    """Report what is wrong."""
-    return Diagnosis(DiagnosisSeverity.WRONG, seen, remedy)
-
-
-def unknown(seen: str, remedy: str = "") -> Diagnosis:
-    """Report what cannot be found out here."""
-    return Diagnosis(DiagnosisSeverity.UNKNOWN, seen, remedy)
-
+# All is well; something may become a problem; it is wrong; it cannot be found out here.
+fine = partial(Diagnosis, DiagnosisSeverity.FINE)
+warning = partial(Diagnosis, DiagnosisSeverity.WARNING)
+wrong = partial(Diagnosis, DiagnosisSeverity.WRONG)
+unknown = partial(Diagnosis, DiagnosisSeverity.UNKNOWN)
 
 COMMAND_S = 4.0
 
@@ -504,18 +491,10 @@ IN_USE = "another program is using it"
 CONFIG_TXT = "/boot/firmware/config.txt"
 ON_HEADER = ("ttyAMA0", "ttyS0")
 
-_I2S, _I2C = {"clock": 18, "frame": 19, "in": 20, "out": 21}, {"data": 2, "clock": 3}
-
-# What takes pins when config.txt names it: the parameter that chooses each, with its default. Some have no choice, and
-# `hifiberry` stands for all whose names begin so.
-TAKES_PINS: dict[str, dict[str, int]] = {
-    "w1-gpio": {"gpiopin": 4}, "w1-gpio-pullup": {"gpiopin": 4, "extpullup": 5}, "dht11": {"gpiopin": 4},
-    "gpio-fan": {"gpiopin": 12}, "gpio-ir": {"gpio_pin": 18}, "gpio-poweroff": {"gpiopin": 26},
-    "gpio-shutdown": {"gpio_pin": 3}, "pwm": {"pin": 18}, "pwm-2chan": {"pin": 18, "pin2": 19},
-    "hifiberry": _I2S, "i2s": _I2S, "i2c": _I2C, "i2c_arm": _I2C, "enable_uart": {"tx": 14, "rx": 15},
-    "spi": {"ce1": 7, "ce0": 8, "miso": 9, "mosi": 10, "clock": 11},
-}  # fmt: skip
-_SETTING = re.compile(r"^dtoverlay=(hifiberry|[\w-]+)|\b(\w+)=(?:on|1|yes|true|(off|0|no|false))\b")
+# What takes pins when config.txt names it: for each the parameter that chooses it, with its default.
+TAKES_PINS: dict[str, dict[str, int]] = tomllib.loads(Path(__file__).with_name("pins_taken.toml").read_text("utf-8"))
+_SOUND = re.compile(r"(hifiberry|iqaudio|justboom|allo-|audioinjector|rpi-\w*dac|i2s-dac)[\w-]*")
+_SETTING = re.compile(r"([\w-]+)(?:=(\w+))?")
 
 ATTACH = "plug one in, or try another socket and cable; `ls /dev/video*` lists those that the kernel knows"
 ATTACH_TO_PI = (
@@ -617,23 +596,44 @@ def _taken_pins(examined: Examined) -> Iterator[Diagnosis]:
             yield wrong(seen, f"{close}; or another pin for '{name}'")
 
 
+def filters_of(model: str) -> set[str]:
+    """Return the filters of config.txt below which lines are for a board."""
+    board = re.search(r"Pi (?:Compute Module )?(\d|Zero)(00)?", model)
+    number = board[1].replace("Zero", "0") if board else "1"
+    return {
+        "[all]", f"[pi{number}]", f"[cm{number}]" * ("Compute" in model), f"[pi{number}00]" * bool(board and board[2]),
+        "[pi3+]" * ("Pi 3" in model and "Plus" in model), "[pi0w]" * (" W" in model), "[pi02]" * ("Zero 2" in model),
+    }  # fmt: skip
+
+
+def _our_lines(computer: Computer) -> Iterator[tuple[str, str]]:
+    """Yield each line of config.txt that is for this board, or of a file that it includes, and that file."""
+    main, is_ours = CONFIG_TXT if computer.has(CONFIG_TXT) else "/boot/config.txt", True
+    for line in map(str.strip, computer.text(main).splitlines()):
+        is_ours = line.lower() in filters_of(computer.model) if line.startswith("[") else is_ours
+        file = f"{Path(main).parent}/{line[8:].strip()}" if line.startswith("include ") else ""
+        lines = [(each.strip(), file) for each in computer.text(file).splitlines()] if file else [(line, main)]
+        yield from lines if is_ours else ()
+
+
 def _pins_of_lines(computer: Computer) -> Iterator[tuple[str, int]]:
     """Yield each line of config.txt that takes pins, with each of them, save what stands below a filter for others."""
-    board, is_ours = re.search(r"Pi (?:Compute Module )?(\d|Zero)(00)?", computer.model), True
-    number = board[1].replace("Zero", "0") if board else "none"
-    kinds = ("pi", "cm") if "Compute" in computer.model else ("pi",)
-    filters = {"[all]", "[pi400]" if board and board[2] else "", *(f"[{kind}{number}]" for kind in kinds)}
-    filters |= {"[pi0w]", "[pi02]"} if number == "0" else set()
-    taken: dict[str, list[tuple[str, int]]] = {}
-    file = CONFIG_TXT if computer.has(CONFIG_TXT) else "/boot/config.txt"
-    for line in map(str.strip, computer.text(file).splitlines()):
-        is_ours = line in filters if line.startswith("[") else is_ours
-        given = dict(re.findall(r",(\w+)=(\d+)", line))
-        for overlay, parameter, is_off in _SETTING.findall(line) if is_ours and not line.startswith("#") else ():
-            pins = {} if is_off else TAKES_PINS.get(overlay or parameter, {})
-            places = [(f"`{line}` of {file}", int(given.get(choice, gpio))) for choice, gpio in pins.items()]
-            taken[overlay or parameter] = places
-    yield from (each for places in taken.values() for each in places)
+    last: tuple[str, str, dict[str, str]] = ("", "", {})
+    found: dict[str, tuple[str, str, dict[str, str]]] = {}
+    for line, file in _our_lines(computer):
+        kind, _, rest = line.partition("=")
+        where, values = f"`{line}` of {file}", dict(_SETTING.findall(line if kind == "enable_uart" else rest))
+        if kind == "dtoverlay":
+            name = _SOUND.sub("sound", next(iter(values), "").removeprefix("pi3-"))
+            last = found[where] = ("" if "Pi 5" in computer.model and name.endswith("-bt") else name, where, values)
+        for name, value in values.items() if kind in {"dtparam", "enable_uart"} else ():
+            if name in TAKES_PINS.get(last[0], ()):  # it is of the overlay above
+                last[2][name] = value
+            elif name in TAKES_PINS:
+                found[str(TAKES_PINS[name])] = ("" if value in {"off", "0", "no", "false"} else name, where, {})
+    for name, where, values in found.values():
+        for choice, gpio in TAKES_PINS.get(name, {}).items():
+            yield where, int(values[choice]) if values.get(choice, "").isdecimal() else gpio
 
 
 def serial(examined: Examined) -> Iterator[Diagnosis]:
@@ -698,7 +698,10 @@ def broker(examined: Examined) -> Iterator[Diagnosis]:
         yield fine("the broker takes the connection with the configuration's login")
 
 
-STATE = ("LoadState", "ActiveState", "SubState", "Result", "NRestarts", "UnitFileState", "StatusText")
+STATE = (
+    "LoadState", "ActiveState", "SubState", "Result", "NRestarts", "UnitFileState", "StatusText", "FragmentPath",
+    "DropInPaths", "NeedDaemonReload",
+)  # fmt: skip
 RESTARTS_MANY = 3
 PAGE = "stadimeter-web.service"
 ANOTHER = "when that is mended, or with another one: `sudo apt install --reinstall --allow-downgrades ./FILE.deb`"
@@ -711,7 +714,7 @@ def service(examined: Examined) -> Iterator[Diagnosis]:
     state, page = (examined.computer.unit(unit, *STATE) for unit in (UNIT, PAGE))
     if not state:
         yield unknown("the service: systemctl does not answer")
-    elif state.get("LoadState") not in {"loaded", "masked"}:
+    elif state.get("LoadState") == "not-found":
         yield fine("stadimeter is not installed as a service on this computer")
     else:
         yield _judge_unit("the service", UNIT, state)
@@ -720,24 +723,35 @@ def service(examined: Examined) -> Iterator[Diagnosis]:
 
 
 def _judge_unit(what: str, unit: str, state: dict[str, str]) -> Diagnosis:
-    active, restarts = state.get("ActiveState"), int(state.get("NRestarts") or 0)
-    more = f"{restarts} restarts" + (f", and says: {state['StatusText']}" if state.get("StatusText") else "")
-    log = f"`sudo journalctl -eu {unit}`"
-    failed = f"has failed ({state.get('Result', 'no result')})"
-    if state.get("LoadState") == "masked":  # systemd knows none of its settings then, and refuses what it reports
-        masked = f"{what} is masked" + (f" and {failed}" if active == "failed" else "")
-        ended = ", and one that runs is ended as if it hung, and may leave outputs on" if unit == UNIT else ""
-        remedy = f"`sudo systemctl unmask {unit}`, and then `sudo systemctl start {unit}`"
-        return wrong(f"{masked}: nothing starts it{ended}", remedy)
-    if active == "failed" or state.get("SubState") == "auto-restart":
-        return wrong(f"{what} {failed}, {more}", log)
-    if active != "active":
-        return warning(f"{what} is {active or 'in no known state'}", f"`sudo systemctl enable --now {unit}`")
-    if restarts > RESTARTS_MANY:
-        return warning(f"{what} runs, after {more}", log)
-    if state.get("UnitFileState") != "enabled":
-        return warning(f"{what} runs, and is not started at boot", f"`sudo systemctl enable {unit}`")
-    return fine(f"{what} runs, {more}")
+    active, load, result = (state.get(name, f"no {name}") for name in ("ActiveState", "LoadState", "Result"))
+    order = f"`sudo systemctl {{}} {unit}`".format
+    paths = f"{state.get('FragmentPath')} {state.get('DropInPaths')}".split()
+    ours = " and ".join(each for each in paths if each.startswith(("/etc", "/run")))
+    changed, revert = (f", changed by {ours}", f"; {order('revert')} undoes that") if ours else ("", "")
+    restarts = int(state.get("NRestarts") or 0)
+    more = f"{restarts} restarts{changed}" + (f", and says: {state['StatusText']}" if state.get("StatusText") else "")
+    log, verify = f"`sudo journalctl -eu {unit}`{revert}", f"`systemd-analyze verify {unit}`{revert}"
+    again = f"; then {order('reset-failed')}" if result == "start-limit-hit" else ""
+    has_failed = active == "failed" or state.get("SubState") == "auto-restart"
+    masked = f"{what} is masked" + (f" and has failed ({result})" if active == "failed" else "")
+    ended = ", and one that runs is ended as if it hung, and may leave outputs on" if unit == UNIT else ""
+    unmask = f"{order('unmask')}, and then {order('start')}"
+    anew = f"`sudo systemctl daemon-reload` and {order('restart')}"
+    is_enabled = state.get("UnitFileState") == "enabled"
+    judged = (
+        # systemd knows none of its settings then, and refuses what it reports
+        (load == "masked", wrong(f"{masked}: nothing starts it{ended}", unmask)),
+        # such as an ExecStart of `systemctl edit` without an empty one before it
+        (load != "loaded", wrong(f"{what} cannot be started ({load}){changed}", verify)),
+        (has_failed, wrong(f"{what} has failed ({result}), {more}", f"{log}{again}")),
+        (active in {"activating", "deactivating"}, warning(f"{what} is {active}, {more}", log)),
+        (active not in {"active", "reloading"}, warning(f"{what} is {active}", order("enable --now"))),
+        (state.get("NeedDaemonReload") == "yes", warning(f"{what} runs, and its unit was changed since", anew)),
+        (restarts > RESTARTS_MANY, warning(f"{what} runs, after {more}", log)),
+        (not is_enabled, warning(f"{what} runs, and is not started at boot", order("enable"))),
+        (True, fine(f"{what} runs, {more}")),
+    )
+    return next(diagnosis for applies, diagnosis in judged if applies)
 
 
 SAFE_OUTPUTS = "/run/stadimeter/safe-outputs.conf"
@@ -775,19 +789,14 @@ def watchdogs(examined: Examined) -> Iterator[Diagnosis]:
     computer = examined.computer
     unit = computer.unit(UNIT, "LoadState", "WatchdogUSec")
     if unit.get("LoadState") == "loaded":
-        if _is_set(unit.get("WatchdogUSec")):
-            yield fine(f"the service is restarted when it hangs for {unit['WatchdogUSec']}")
-        else:
-            yield warning("the service has no watchdog", "`WatchdogSec=` is missing: install the package anew")
+        limit = unit.get("WatchdogUSec")
+        lacking = warning("the service has no watchdog", "`WatchdogSec=` is missing: install the package anew")
+        yield fine(f"the service is restarted when it hangs for {limit}") if _is_set(limit) else lacking
     if computer.is_pi:
         limit = computer.unit("", "RuntimeWatchdogUSec").get("RuntimeWatchdogUSec")
-        if _is_set(limit):
-            yield fine(f"the board restarts when the system hangs for {limit}")
-        else:
-            yield warning(
-                "the board does not restart when the system hangs",
-                "`RuntimeWatchdogSec=15` below `[Manager]` in /etc/systemd/system.conf.d/watchdog.conf, and restart",
-            )
+        remedy = "`RuntimeWatchdogSec=15` below `[Manager]` in /etc/systemd/system.conf.d/watchdog.conf, and restart"
+        lacking = warning("the board does not restart when the system hangs", remedy)
+        yield fine(f"the board restarts when the system hangs for {limit}") if _is_set(limit) else lacking
 
 
 def _is_set(duration: str | None) -> bool:
