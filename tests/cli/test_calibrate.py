@@ -118,7 +118,7 @@ def test_a_picture_that_is_given_twice_is_refused_since_it_tells_nothing_more(ne
         ("", "does not say how far away the target is"),
         ("@24", "'24' has no unit"),
         ("@0in", "'0in' is not a length above zero"),
-        ("@24 inn", "unknown unit 'inn'; did you mean"),
+        ("@24 inchs", "unknown unit 'inchs'; did you mean"),
     ],
 )
 def test_a_bad_distance_is_one_line_and_exit_2(near: Path, output: Path, distance: str, said: str) -> None:
@@ -193,6 +193,13 @@ def test_a_wrong_camera_file_is_said_to_be_wrong_by_how_much_and_which_way(pictu
     assert mean.startswith("mean error +10.")
     assert "is wrong: it reads 10." in verdict
     assert "% too far" in verdict
+
+
+def test_a_picture_of_another_aspect_than_the_camera_files_is_named(picture: Path, tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "wide.png"), cv2.imread(str(picture))[60:420])
+    result = _check(f"{picture}@30in", f"{tmp_path / 'wide.png'}@30in", "--camera", _camera_file(tmp_path, 600), *SHEET)
+    assert result.returncode == 2
+    assert "wide.png: the camera was calibrated at 640x480; a picture of 640x360 has another aspect" in result.stderr
 
 
 # `calibrate distance --live`, with pictures for a camera: each distance takes the next nine of them.

@@ -150,7 +150,7 @@ WRONG = [
 
 MISPLACED = [
     ('when = { below = "1 m", for = "10 s" }', "when.for", 'write on_delay = "10 s" beside when'),
-    ('when = { below = "1 m", hysteresis = "5 cm" }', "when.hysteresis", "it is called deadband"),
+    ('when = { below = "1 m", hysteresis = "5 cm" }', "when.hysteresis", "did you mean 'deadband'?"),
     ('when = { below = "1 m" }\ndebounce = "1 s"', "debounce", 'write on_delay = "2 s"'),
     ('below = "1 m"', "below", 'write it inside when, such as when = { below = "50 cm" }'),
     ('when = { height = { above = "1 m" } }', "when.height", 'write place = { axis = "height", above = … }'),

@@ -134,7 +134,10 @@ def test_what_is_no_text_file_is_no_configuration(tmp_path: Path) -> None:
     for path, words in (
         (tmp_path / "nowhere.toml", r"nowhere\.toml: there is no such file"),
         (tmp_path, "the file cannot be read: it is a folder"),
-        (tmp_path / "a.png", r"a\.png:1: .*it is not UTF-8 text \(it has the byte 0x89\) \(save it as UTF-8"),
+        (
+            tmp_path / "a.png",
+            r"a\.png:1: .*it is not UTF-8 text \(it has the byte 0x89, in Windows-1252 ‰\) \(save it as UTF-8",
+        ),
     ):
         with pytest.raises(ConfigError, match=words):
             load_configuration(path)
@@ -149,6 +152,29 @@ WRITTEN_ELSEWHERE = [
     ("latency = \u201320", "\u2013 (U+2013) is a dash; write - in its place"),
     ("when = { below = 50 cm }", 'text needs quotes: below = "50 cm"'),
     ("max_turn_rate = 90deg/s", 'text needs quotes: max_turn_rate = "90deg/s"'),
+    ("diameter = ″20 cm″", '″ (U+2033) is a typographic quote; write " in its place'),
+    ('dia\u200bmeter = "20 cm"', "a character that cannot be seen (U+200B) is in this line; leave it out"),
+    ("pin = \uff118", "\uff11 (U+FF11) is not the 1 of a keyboard; write 1 in its place"),
+    ("hue = 10° ± 1°", 'text needs quotes: hue = "10° ± 1°"'),
+    ("port = /dev/ttyUSB0", 'text needs quotes: port = "/dev/ttyUSB0"'),
+    ("of = [ball, tag]", 'text needs quotes: "tag"'),
+    ("fx_px = 600,5", "a number has a decimal point: 600.5"),
+    ("invert = yes", 'write true or false; as a text in quotes: "yes"'),
+    ('safe = None # "off"', 'TOML has no None: leave the key out; as a text in quotes: "none"'),
+    ('diameter: "20 cm"', "write = in place of :"),
+    ('diameter = "20 cm" // of it', "behind a value stands nothing but a comment with #: leave out //"),
+    ("; of it", "a comment begins with #, not with ;"),
+    ("pin = 1\npin = 2", "the same key or section stands in the file twice; keep one"),
+    ('when = { below = "1 m", below = "2 m" }', "the same key or section stands in the file twice; keep one"),
+    ('size = "20 cm', 'a text has no quote at its end: write one more "'),
+    ('of = ["a", "b"', "a [ has no ] in this line or above, or a comma is missing between two entries"),
+    ('when = { below = "1 m", }', "leave out the comma before }"),
+    ('model = "C:\\lens"', r"write \\ for each \, or the text in single quotes, such as 'C:\lens'"),
+    (
+        '{ "camera": 1 }',
+        'this looks like JSON; a configuration is TOML, such as [camera] and below it driver = "opencv"',
+    ),
+    ("camera:", 'this looks like YAML; a configuration is TOML, such as [camera] and below it driver = "opencv"'),
 ]
 
 
@@ -159,11 +185,11 @@ def test_a_line_that_was_written_in_a_word_processor_or_without_quotes_says_what
         with pytest.raises(ConfigError) as raised:
             load_configuration(path)
         (problem,) = raised.value.problems
-        assert (problem.line, problem.hint) == (2, words)
+        assert (problem.line, problem.hint) == (2 + line.count("\n"), words)
 
 
 def test_a_text_of_another_encoding_is_named(tmp_path: Path) -> None:
-    for encoding, words in (("latin-1", "it has the byte 0xFC"), ("utf-16", "UTF-16")):
+    for encoding, words in (("latin-1", "0xFC, in Windows-1252 ü"), ("utf-16", "UTF-16"), ("utf-16-le", "UTF-8")):
         (tmp_path / "old.toml").write_bytes("# für\n".encode(encoding))
         with pytest.raises(ConfigError, match=words):
             load_configuration(tmp_path / "old.toml")
@@ -176,9 +202,10 @@ def test_an_empty_file_lacks_a_camera_and_a_target(told: Told) -> None:
     ]
 
 
-def test_windows_line_ends_and_a_byte_order_mark_do_no_harm(tmp_path: Path, sound: str) -> None:
+@pytest.mark.parametrize("end", ["\r\n", "\r"])
+def test_other_line_ends_and_a_byte_order_mark_do_no_harm(tmp_path: Path, sound: str, end: str) -> None:
     file = tmp_path / "windows.toml"
-    file.write_bytes(("\ufeff" + sound + "[rules.near]\nwhen = { belwo = 1 }\n").replace("\n", "\r\n").encode())
+    file.write_bytes(("\ufeff" + sound + "[rules.near]\nwhen = { belwo = 1 }\n").replace("\n", end).encode())
     with pytest.raises(ConfigError) as caught:
         load_configuration(file)
     assert [problem.line for problem in caught.value.problems] == [line_of(sound + "belwo", "belwo") + 1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from enum import StrEnum
 from typing import Annotated, Any, Literal
 
@@ -10,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
-from stadimeter.config.findings import findings_of, format_value, known_keys
+from stadimeter.config.findings import did_you_mean, findings_of, format_value, hints, known_keys
 from stadimeter.config.plugins import DriverOptions
+from stadimeter.config.rules.conditions import WhenTable
 from stadimeter.config.units import Duration, Length, Pin
 
 
@@ -98,6 +100,45 @@ def test_an_unknown_key_like_no_other_is_answered_with_all_that_are_known() -> N
     assert told({"inner": {"size": "1 m", "zzzz": 2}}) == [
         "zoo.inner.zzzz: unknown key 'zzzz' (known are: count, size)"
     ]
+
+
+CONDITION = [*known_keys(WhenTable)]
+OTHER_WORDS = [
+    ("belwo", CONDITION, "below"),
+    ("closer", CONDITION, "below"),
+    ("lt", CONDITION, "below"),
+    ("max", CONDITION, "below"),
+    ("not_seen", CONDITION, "lost"),
+    ("stationary", CONDITION, "still"),
+    ("below_cm", CONDITION, "below"),
+    ("inside", CONDITION, ""),
+    ("duration", CONDITION, ""),
+    ("gpio", ["driver", "lease", "pin"], "pin"),
+    ("color", ["count", "hsv", "on_floor"], "hsv"),
+    ("radius", ["diameter", "min_radius_px"], "diameter"),
+    ("width_cm", ["known_side", "width"], "width"),
+    ("rotate", ["device", "rate"], ""),
+    ("weights", ["height", "model"], "model"),
+    ("hostname", ["base_topic", "host"], "host"),
+    ("pass", ["base_topic", "password_file"], "password_file"),
+    ("Webcam", ["opencv", "picamera2"], "opencv"),
+    ("camera", ["opencv", "picamera2"], ""),
+    ("servo", ["buzzer", "led", "relay"], ""),
+    ("MQTT", ["mqtt", "simulated"], "mqtt"),
+    ("page", ["place", "web"], "web"),
+    ("invert", ["invert_left", "invert_right"], ""),
+]
+
+
+@pytest.mark.parametrize(("word", "known", "meant"), OTHER_WORDS)
+def test_another_programs_word_is_answered_with_ours_or_not_at_all(word: str, known: list[str], meant: str) -> None:
+    assert did_you_mean(word, known) == (f"did you mean '{meant}'?" if meant else "")
+
+
+def test_every_hint_for_a_line_can_be_filled_in() -> None:
+    for pattern, remedy in (*hints()["lines"], *hints()["characters"]):
+        assert remedy.format(*"abc")
+        assert re.compile(pattern)
 
 
 def test_every_error_of_a_table_is_reported() -> None:

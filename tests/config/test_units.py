@@ -59,6 +59,11 @@ REFUSED = [
     (units.parse_length, True, "True is not a quantity; write it as text, such as '35 cm'"),
     (units.parse_length, "", "'' is not a number with a unit; write it such as '35 cm'"),
     (units.parse_length, "10 feets", "'10 feets': unknown unit 'feets'; did you mean 'feet'? Known units: mm, cm,"),
+    (units.parse_length, "20 centimetres", "'20 centimetres': unknown unit 'centimetres'; did you mean 'cm'?"),
+    (units.parse_length, "2 min", "'2 min': unknown unit 'min'. Known units: mm, cm,"),
+    (units.parse_duration, "2 hours", "'2 hours': unknown unit 'hours'; did you mean 'h'?"),
+    (units.parse_speed, "5 kph", "'5 kph': unknown unit 'kph'; did you mean 'km/h'?"),
+    (units.parse_bytes, "5 TB", "'5 TB': unknown unit 'TB'. Known units: B, kB,"),
     (units.parse_duration, "-1 s", "'-1 s' is below zero"),
     (units.parse_turn_acceleration, "-1 deg/s2", "'-1 deg/s2' is below zero"),
 ]

@@ -93,11 +93,12 @@ def read_untrusted_text(path: Path, most_bytes: int) -> str:
         UnreadableError: It is not UTF-8, then with the line; or as for `read_untrusted`.
     """
     try:
-        return read_untrusted(path, most_bytes).decode("utf-8-sig").replace("\r\n", "\n")
+        return read_untrusted(path, most_bytes).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
-        byte = error.object[error.start]
-        kind = "UTF-16" if error.object[:2] in {b"\xff\xfe", b"\xfe\xff"} else f"it has the byte 0x{byte:02X}"
+        byte = error.object[error.start : error.start + 1]
+        kind = f"it has the byte 0x{byte.hex().upper()}, in Windows-1252 {byte.decode('cp1252', 'replace')}"
+        kind = "UTF-16" if error.object[:2] in {b"\xff\xfe", b"\xfe\xff"} else kind
         raise UnreadableError(path, f"it is not UTF-8 text ({kind})", line) from error
 
 
@@ -292,7 +293,7 @@ def write_all_atomically(files: Mapping[Path, bytes], like: Path | None = None) 
     hidden = {place: place.with_name(f".{place.name}.{secrets.token_hex(4)}.part") for place in places}
     with ExitStack() as at_end:
         for place in places:
-            _refuse_other_than_file(place)
+            refuse_other_than_file(place)
         for place, data in places.items():
             at_end.callback(hidden[place].unlink, missing_ok=True)
             with hidden[place].open("xb") as file:
@@ -363,7 +364,7 @@ def rename_to_free_name(path: Path, names: Iterator[str]) -> Path:
     return free
 
 
-def _refuse_other_than_file(path: Path) -> None:
+def refuse_other_than_file(path: Path) -> None:
     """Raise `OSError` for what a file would take the place of and that no program could make again."""
     with suppress(FileNotFoundError):
         mode = path.lstat().st_mode

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import difflib
 import re
+import tomllib
 import typing
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 from msgspec import Struct
@@ -42,9 +45,23 @@ class Finding(Struct, frozen=True):
     code: str = ""
 
 
+@cache
+def hints() -> dict[str, Any]:
+    """Return the tables of ``hints.toml``, which says what each is."""
+    return tomllib.loads(Path(__file__).with_name("hints.toml").read_text("utf-8"))
+
+
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return a question such as ``did you mean 'below'?``, or an empty string if no known word is close."""
-    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    """Return a question such as ``did you mean 'below'?``, or an empty string if no known word is meant for sure.
+
+    That is another program's word for it, one that is written nearly so, or the only one that begins so.
+    """
+    words, others = list(known), hints()["words"]
+    plain = re.sub(r"_([cm]?m|in|inch|ft|deg)$", "", re.sub(r"[\s-]+", "_", word.strip().lower()))
+    close = [each for each in words if plain in (each, *others.get(each, "").split())]
+    if not close and not any(plain in each.split() for each in others.values()):
+        begun = [each for each in words if len(plain) > 2 and (each.startswith(plain) or plain.startswith(f"{each}_"))]
+        close = difflib.get_close_matches(word.lower(), words, n=1, cutoff=0.75) or begun * (len(begun) == 1)
     return f"did you mean '{close[0]}'?" if close else ""
 
 
@@ -82,37 +99,22 @@ _MAX_VALUE_LENGTH = 60
 
 # Complaints about the kind of a value, by the beginning of pydantic's name for the error.
 _KINDS = {
-    "bool": "neither true nor false",
-    "bytes": "not text; put it in quotes",
-    "date": "not a date",
-    "dict": "not a table; write it as { … }",
-    "float": "not a number",
-    "frozen_set": "not a list; write it as [ … ]",
-    "int": "not a whole number",
-    "is_instance": "of the wrong kind",
-    "list": "not a list; write it as [ … ]",
-    "mapping": "not a table; write it as { … }",
-    "model": "not a table; write it as { … }",
-    "path": "not a path; put it in quotes",
-    "set": "not a list; write it as [ … ]",
-    "string": "not text; put it in quotes",
-    "tuple": "not a list; write it as [ … ]",
-}
+    "bool": "neither true nor false", "bytes": "not text; put it in quotes", "date": "not a date",
+    "dict": "not a table; write it as { … }", "float": "not a number", "frozen_set": "not a list; write it as [ … ]",
+    "int": "not a whole number", "is_instance": "of the wrong kind", "list": "not a list; write it as [ … ]",
+    "mapping": "not a table; write it as { … }", "model": "not a table; write it as { … }",
+    "path": "not a path; put it in quotes", "set": "not a list; write it as [ … ]",
+    "string": "not text; put it in quotes", "tuple": "not a list; write it as [ … ]",
+}  # fmt: skip
 
 # The same for limits, by pydantic's full name for the error.
 _LIMITS = {
-    "finite_number": "not a finite number",
-    "greater_than": "not above {gt}",
-    "greater_than_equal": "below {ge}",
-    "less_than": "not below {lt}",
-    "less_than_equal": "above {le}",
-    "multiple_of": "not a multiple of {multiple_of}",
-    "string_pattern_mismatch": "not of the form {pattern}",
-    "string_too_long": "longer than {max_length} characters",
-    "string_too_short": "shorter than {min_length} characters",
-    "too_long": "a list of more than {max_length} entries",
+    "finite_number": "not a finite number", "greater_than": "not above {gt}", "greater_than_equal": "below {ge}",
+    "less_than": "not below {lt}", "less_than_equal": "above {le}", "multiple_of": "not a multiple of {multiple_of}",
+    "string_pattern_mismatch": "not of the form {pattern}", "string_too_long": "longer than {max_length} characters",
+    "string_too_short": "shorter than {min_length} characters", "too_long": "a list of more than {max_length} entries",
     "too_short": "a list of fewer than {min_length} entries",
-}
+}  # fmt: skip
 
 
 def findings_of(

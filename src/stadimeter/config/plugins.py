@@ -6,7 +6,6 @@ drivers that a configuration names are loaded, so a driver whose library is miss
 
 from __future__ import annotations
 
-import difflib
 import typing
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
@@ -16,6 +15,7 @@ from typing import Annotated, Any, ClassVar, Protocol, TypeVar, runtime_checkabl
 from msgspec import Struct, field
 from pydantic import BaseModel, ConfigDict, Field
 
+from stadimeter.config.findings import did_you_mean
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
 from stadimeter.errors import DriverError, DriverNotFoundError, DriverUnavailableError
@@ -348,6 +348,7 @@ def load_driver(group: str, name: str) -> type[DriverOptions]:
 def _not_found(group: str, name: str) -> str:
     names = driver_names(group)
     kind = group.removeprefix("stadimeter.").removesuffix("s")
-    close = difflib.get_close_matches(name, names, n=1)
-    guess = f"; did you mean '{close[0]}'?" if close else "."
-    return f"no {kind} driver is called '{name}'{guess} There are: {', '.join(names) or 'none'}"
+    guess = did_you_mean(name, names)
+    return (
+        f"no {kind} driver is called '{name}'{f'; {guess}' if guess else '.'} There are: {', '.join(names) or 'none'}"
+    )

@@ -27,6 +27,8 @@ _SCALAR = re.compile(r"[^,\]}\n#]*")
 # The four kinds of strings; dots in them stand for line feeds too.
 STRINGS = (r'"""(?:[^"\\]|\\.|"(?!""))*"{3,5}', r"'''(?:[^']|'(?!''))*'{3,5}", r'"(?:[^"\\\n]|\\.)*"', r"'[^'\n]*'")
 _STRING = re.compile("|".join(STRINGS), re.DOTALL)
+# The parser names a section as Python has it.
+_BETWEEN_PARTS = "', '"
 _WHERE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 
@@ -60,7 +62,7 @@ def find_span(spans: Mapping[KeyPath, SourceSpan], path: KeyPath) -> SourceSpan 
 
 def syntax_error(error: tomllib.TOMLDecodeError, text: str) -> tuple[str, int]:
     """Return the message of a syntax error without its position, and its line in the text, counted from 1."""
-    message = str(error)
+    message = re.sub(r"\('(.*?)',?\)", lambda path: f"[{path[1].replace(_BETWEEN_PARTS, '.')}]", str(error))
     where = _WHERE.search(message)
     if where is None:
         return message, 0

@@ -18,7 +18,7 @@ from typing import Any
 from msgspec import Struct
 
 from stadimeter.config.files import read_untrusted_text
-from stadimeter.config.findings import Finding, problems
+from stadimeter.config.findings import Finding, hints, problems
 from stadimeter.config.toml_lines import KeyPath, SourceSpan, key_spans, syntax_error
 from stadimeter.core.bounds import MAX_PLAIN
 from stadimeter.errors import ConfigError, Problem, UnreadableError
@@ -131,37 +131,23 @@ def as_toml(value: object) -> str:
 # Of a line that is no TOML, as much as a person wrote.
 _LOOKED_AT = 1000
 
-_QUOTED = re.compile(r'"(?:[^"\\]|\\.)*"|\'[^\']*\'|#.*')
-_UNQUOTED = re.compile(r"([\w-]+)\s*=\s*([-+]?[\d.,]+\s*[A-Za-z°%][\w/°%²]*)")
+_QUOTED = re.compile(r'"(?:[^"\\]|\\.)*"|\'[^\']*\'')
+# A byte of zero is from UTF-16.
+_PLAIN = {*map(chr, range(32, 127)), "\0", "\t"}
 
 
 def _syntax_hint(message: str, line: str) -> str:
     """Return the remedy for a line that is no TOML: mostly a character looks right, or quotes are missing."""
-    bare = _QUOTED.sub("", line[:_LOOKED_AT])  # patterns take the square of the time on a line of megabytes
-    if strange := next(filter(None, map(_instead_of, bare)), None):
-        return strange
-    if found := _UNQUOTED.search(bare):
-        return f'text needs quotes: {found[1]} = "{found[2]}"'
-    if message.startswith(("Invalid value", "Expected newline")):
-        return 'text needs quotes, such as "10 ft"; the values without are numbers, true and false'
-    if message.startswith("Cannot"):
-        return "the same key or section stands in the file twice; keep one"
-    return ""
-
-
-def _instead_of(character: str) -> str:
-    """Return the remedy for a character that word processors put where TOML takes another."""
-    if character.isascii():
-        return ""
-    name = f"U+{ord(character):04X}"
-    match unicodedata.category(character):
-        case "Pi" | "Pf" | "Ps" | "Pe":
-            return f'{character} ({name}) is a typographic quote; write " in its place'
-        case "Zs" | "Cf":
-            return f"there is a space of another kind ({name}) in this line; write an ordinary one in its place"
-        case "Pd" | "Sm":
-            return f"{character} ({name}) is a dash; write - in its place"
-    return ""
+    # Patterns take the square of the time on a line of megabytes.
+    bare = re.sub("#.*", "", _QUOTED.sub('""', line[:_LOOKED_AT]))
+    key = bare.partition("=")[0]
+    for at, each in enumerate(bare):
+        kind = f"{unicodedata.category(each)} {unicodedata.name(each, '')}{' IN A KEY' * (at < len(key))}"
+        remedies = (words for pattern, words in hints()["characters"] if re.search(pattern, kind))
+        if each not in _PLAIN and (remedy := next(remedies, "")):
+            return str(remedy.format(each, f"U+{ord(each):04X}", unicodedata.normalize("NFKC", each)))
+    matches = ((re.search(pattern, f"{message}\n{bare}"), remedy) for pattern, remedy in hints()["lines"])
+    return next(str(remedy.format(*found.groups())) for found, remedy in matches if found)
 
 
 def _out_of_bounds(path: KeyPath, value: Any) -> Iterator[Finding]:

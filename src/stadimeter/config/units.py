@@ -115,6 +115,15 @@ _OF_ALL = (
 _TIME_OF_DAY = re.compile(r"\s*(\d{1,2}):(\d{2})(?::(\d{2}(?:\.\d+)?))?\s*")
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+(?:\.\d*|,\d+)?|[.,]\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+# What telephones and word processors type in place of what a keyboard has, and characters without width.
+_TYPED = str.maketrans("″”′\u2019−\u2013º˚µμ\uff05", "\"\"''--°°uu%", "\u200b\u200c\u200d\u2060\ufeff\u00ad")
+# Parts of units as people spell them, each with what stands for it here.
+_SPELT = {
+    r"[\s.]": "", "milli": "m", "centi": "c", "kilo": "k", "micro": "u", "met(er|re)s?": "m", "sec(ond)?s?": "s",
+    "min(ute)?s?": "min", "(hou)?rs?$|hrs?": "h", "days?": "d", "deg(ree)?s?": "deg", "radians?": "rad", "volts?": "v",
+    "hertz": "hz", "bytes?": "b", "percent": "%", "gra(d|d[es]*|dians?)$": "gon", "yards?|yds": "yd", "kmh|kph": "km/h",
+    "mps": "m/s", "dps": "deg/s", r"m/s/s|m/s\*\*2": "m/s2",
+}  # fmt: skip
 # How ``±`` is typed.
 _PLUS_OR_MINUS = re.compile(r"\+/?-")
 _BETWEEN_QUANTITIES = re.compile(r"(?<!\d),|,(?!\d)")
@@ -134,7 +143,7 @@ def parse_quantity(text: object, units: Units, example: str) -> float:
         raise ValueError(f"{text} has no unit; write it with one, such as {example!r}")
     if not isinstance(text, str):
         raise ValueError(f"{text!r} is not a quantity; write it as text, such as {example!r}")
-    match = _QUANTITY.fullmatch(text)
+    match = _quantity_in(text)
     if not match:
         raise ValueError(f"{text!r} is not a number with a unit; write it such as {example!r}")
     written, unit = match[1], match[2]
@@ -179,15 +188,19 @@ def parse_any_quantity(text: str) -> tuple[float, str]:
     Raises:
         ValueError: As `parse_quantity` does.
     """
-    match = _QUANTITY.fullmatch(text)
+    match = _quantity_in(text)
     units = next((each for each in _OF_THRESHOLDS if match is not None and match[2] in each), _OF_ANY_THRESHOLD)
     return parse_quantity(text, units, "60 cm"), units.si_unit
 
 
 def si_unit_of(text: str) -> str:
     """Return the SI unit of a quantity as it is written, such as ``s`` of ``"2 min"``; empty if it is no quantity."""
-    match = _QUANTITY.fullmatch(text)
+    match = _quantity_in(text)
     return next((units.si_unit for units in _OF_ALL if match is not None and match[2] in units), "")
+
+
+def _quantity_in(text: str) -> re.Match[str] | None:
+    return _QUANTITY.fullmatch(text.translate(_TYPED))
 
 
 def _unit_trouble(text: str, unit: str, units: Units, example: str) -> str:
@@ -195,7 +208,11 @@ def _unit_trouble(text: str, unit: str, units: Units, example: str) -> str:
         return f"{text!r} has no unit; write it with one, such as {example!r}"
     if re.search(r"(^|[\s.,])\d", unit):
         return f"{text!r} has more than one number; write one with its unit, such as {example!r}"
-    close = difflib.get_close_matches(unit, units, n=1, cutoff=0.5)
+    plain = unit.casefold()
+    for spelt, short in _SPELT.items():
+        plain = re.sub(spelt, short, plain)
+    same = [each for each in units if each.casefold() == plain]
+    close = same or difflib.get_close_matches(plain, units, n=1, cutoff=0.85)  # less alike: another size, as kB and B
     guess = f"; did you mean {close[0]!r}?" if close else "."
     return f"{text!r}: unknown unit {unit!r}{guess} Known units: {', '.join(units)}"
 
@@ -424,36 +441,19 @@ FilePath = Annotated[Path, BeforeValidator(_resolve)]
 
 # Width and height by name: ISO 216, ANSI/ASME Y14.1 and its relatives, and ISO/IEC 7810 ID-1.
 PAPER = {
-    "A1": ("594 mm", "841 mm"),
-    "A2": ("420 mm", "594 mm"),
-    "A3": ("297 mm", "420 mm"),
-    "A4": ("210 mm", "297 mm"),
-    "A5": ("148 mm", "210 mm"),
-    "A6": ("105 mm", "148 mm"),
-    "letter": ("8.5 in", "11 in"),
-    "legal": ("8.5 in", "14 in"),
-    "tabloid": ("11 in", "17 in"),
-    "index card": ("5 in", "3 in"),
-    "business card": ("85 mm", "55 mm"),
-    "US business card": ("3.5 in", "2 in"),
-    "credit card": ("85.6 mm", "53.98 mm"),
-}
+    "A1": ("594 mm", "841 mm"), "A2": ("420 mm", "594 mm"), "A3": ("297 mm", "420 mm"), "A4": ("210 mm", "297 mm"),
+    "A5": ("148 mm", "210 mm"), "A6": ("105 mm", "148 mm"), "letter": ("8.5 in", "11 in"), "legal": ("8.5 in", "14 in"),
+    "tabloid": ("11 in", "17 in"), "index card": ("5 in", "3 in"), "business card": ("85 mm", "55 mm"),
+    "US business card": ("3.5 in", "2 in"), "credit card": ("85.6 mm", "53.98 mm"),
+}  # fmt: skip
 
 # The middle of what each sport's rules allow, which is about a hundredth of it to either side. A measured diameter is
 # better: an old tennis ball may be 64 mm.
 BALLS = {
-    "table tennis ball": "40 mm",
-    "golf ball": "42.7 mm",
-    "pool ball": "57.2 mm",
-    "tennis ball": "67 mm",
-    "cricket ball": "72 mm",
-    "baseball": "74 mm",
-    "softball": "97 mm",
-    "handball": "18.8 cm",
-    "volleyball": "21 cm",
-    "football": "22 cm",
-    "basketball": "24.3 cm",
-}
+    "table tennis ball": "40 mm", "golf ball": "42.7 mm", "pool ball": "57.2 mm", "tennis ball": "67 mm",
+    "cricket ball": "72 mm", "baseball": "74 mm", "softball": "97 mm", "handball": "18.8 cm", "volleyball": "21 cm",
+    "football": "22 cm", "basketball": "24.3 cm",
+}  # fmt: skip
 
 # What a person writes for a size that is not known, in lower case.
 UNKNOWN_SIZE = frozenset({"unknown", "?", "i don't know", "don't know"})

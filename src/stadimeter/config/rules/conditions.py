@@ -693,9 +693,9 @@ class WhenTable(LimitsTable, LikelihoodTable):
 
     written_elsewhere: ClassVar[dict[str, str]] = {
         "for": 'write on_delay = "10 s" beside when, or lost = "5 min" in place of true',
+        **dict.fromkeys(("distance", "range", "depth"), 'write below = "50 cm", or above, or between'),
         "on_delay": "write it beside when",
         "off_delay": "write it beside when",
-        "hysteresis": "it is called deadband",
         **dict.fromkeys(("less_than", "closer_than", "within"), 'write below = "50 cm"'),
         **dict.fromkeys(("more_than", "greater_than", "farther_than"), 'write above = "50 cm"'),
         "further_than": 'write above = "50 cm", or of two targets { target = "tag", nearer_than = "ball" }',

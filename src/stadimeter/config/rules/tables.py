@@ -504,7 +504,6 @@ class RuleTable(Section):
         ),
         **dict.fromkeys(("deadband", "hysteresis"), 'write deadband inside when: { below = "1 m", deadband = "5 cm" }'),
         **dict.fromkeys(("delay", "debounce", "for"), 'write on_delay = "2 s", or off_delay'),
-        "then": "it is called escalation: [[rules.NAME.escalation]]",
         **dict.fromkeys(("topic", "text", "message"), "write it in a step: [[rules.NAME.escalation]]"),
         "distance": 'write follow = { distance = "1 m" }, or when = { below = "1 m" }',
     }
