@@ -310,9 +310,9 @@ def answers_page() -> Iterator[str]:
 
 
 def _answers(rows: Iterable[tuple[str, str, str]]) -> str:
-    """Return a table of questions, each key once."""
-    by_key = {key: (f"`{key}`", text, f"`{ready}`" if ready else "") for key, text, ready in reversed([*rows])}
-    return table(("key", "question", "answer, if none is given"), [*reversed(by_key.values())])
+    """Return a table of questions, each once."""
+    asked = dict.fromkeys((f"`{key}`", text, f"`{ready}`" if ready else "") for key, text, ready in rows)
+    return table(("key", "question", "answer, if none is given"), [*asked])
 
 
 CODE_PAGES = {

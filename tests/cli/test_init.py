@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import tomllib
 from collections.abc import Callable
@@ -108,6 +109,7 @@ def test_what_was_there_is_kept_as_a_version(tmp_path: Path) -> None:
         ({"camera": "no-such.png"}, "no-such.png"),
         ({"camera": "simulated", "colour": "green"}, "'green' is no picture. Point at the ball instead"),
         ({"target": "ball", "size": "20 cm", "colour": "3000,3"}, "is not in init/camera.png"),
+        ({"target": "people", "number": "4", "model": "nowhere.onnx"}, "there is no file "),
     ],
 )
 def test_a_wrong_answer_is_named_with_its_question(tmp_path: Path, answers: dict[str, str], words: str) -> None:
@@ -130,6 +132,13 @@ def test_without_a_terminal_and_answers_it_says_how_to_give_them(tmp_path: Path)
 def test_an_example_is_written_without_a_checkout(tmp_path: Path, name: str) -> None:
     assert typed("init", tmp_path, "--example", name).returncode == 0
     assert load_configuration(tmp_path / f"{name}.toml").plan.rules
+
+
+def test_an_example_takes_the_place_of_no_pipe_and_reads_none(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "follow-ball.toml")
+    told = typed("init", tmp_path, "--example", "follow-ball")
+    assert (told.returncode, "it is no regular file, and is left alone" in told.stderr) == (2, True)
+    assert os.listdir(tmp_path) == ["follow-ball.toml"]  # noqa: PTH208
 
 
 @pytest.mark.long

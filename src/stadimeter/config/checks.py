@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
 from itertools import combinations
 from typing import Any
@@ -27,6 +27,7 @@ from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.quantities import QUANTITIES
 from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.schedule import ScheduleCondition
+from stadimeter.core.conditions.sight import CountCondition
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.rules.follow import GAIN_SHARE, MAX_GAIN_SHARE, RESPONSE_S
@@ -185,7 +186,8 @@ def _rules_do_something(draft: Draft) -> Iterator[Finding]:
 
 def _conditions(draft: Draft) -> Iterator[Finding]:
     for _, written in written_conditions(draft):
-        parts = written.condition.conditions if isinstance(written.condition, AllOf) else ()
+        parts = written.condition.conditions if isinstance(written.condition, AllOf) else (written.condition,)
+        yield from _counts(draft, written.path, parts)
         if any(are_apart(*pair) for pair in combinations(parts, 2)):  # below `any` or `not` that does no harm
             message = "two limits of this on one figure exclude each other, so it never holds"
             yield Finding(written.path, message, "write any in place of all, or change a limit", "never-true")
@@ -197,6 +199,13 @@ def _conditions(draft: Draft) -> Iterator[Finding]:
                 if leaf.unit != unit:
                     message = f"the figure '{leaf.name}' is in {unit}, and not in {leaf.unit}"
                     yield Finding(written.path, message, f"write its limits in {unit}", "bad-value")
+
+
+def _counts(draft: Draft, at: KeyPath, parts: Iterable[Condition]) -> Iterator[Finding]:
+    for part in parts:
+        if isinstance(part, CountCondition) and (part.at_least or 0) > len(part.targets or draft.measured_names):
+            message = f"at least {part.at_least} are asked for, and there are fewer, so it never holds"
+            yield Finding(at, message, "ask for fewer, or have more targets", "never-true")
 
 
 def limits_on_one_figure(one: Condition, other: Condition) -> tuple[tuple[float, float], tuple[float, float]] | None:

@@ -19,6 +19,7 @@ from stadimeter.config.files import (
     CONFIGURATION_MAX_BYTES,
     holds,
     read_untrusted_text,
+    refuse_other_than_file,
     write_all_atomically,
     write_atomically,
 )
@@ -97,6 +98,8 @@ def save_files(
             raise ConfigError([Problem("this cannot be the name of a file here", name)])
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        for name in files:  # before anything is read, which of a device may never end
+            refuse_other_than_file((folder / name).resolve())
         check()
         changed = {name: text for name, text in files.items() if not holds(folder / name, text.encode())}
         present = [name for name in files if (folder / name).exists()] if changed else []

@@ -82,11 +82,15 @@ def look_at_distance(
     Raises:
         CalibrationError: It has another aspect than the camera model.
     """
+    try:
+        lens = camera_model and camera_model.for_frame(frame)
+    except CalibrationError as error:
+        raise CalibrationError(f"{name}: {error}") from error
     return KnownDistance(
         picture=name,
         width_px=frame.width_px,
         height_px=frame.height_px,
-        detection=target.detector.detect(frame, lens=camera_model and camera_model.for_frame(frame)),
+        detection=target.detector.detect(frame, lens=lens),
         size=target.detector.target_shape,
         depth_m=depth_m,
     )

@@ -282,6 +282,8 @@ class KindStep(SetupStep):
                 "which calibrates the camera; then `stadimeter calibrate size` learns the size of this one"
             )
         self.blank.check(text, known.answers)
+        if self.names_files and not known.path(text).is_file():
+            raise ConfigError(f"there is no file {known.path(text)}")
         answers = {**known.answers, self.key: text}
         is_last = all(each.key in answers for each in self.of.blanks) and not self.of.has_colour
         own = None if is_last else self._own_keys(answers)
