@@ -166,7 +166,7 @@ WRITTEN_ELSEWHERE = [
     ("; of it", "a comment begins with #, not with ;"),
     ("pin = 1\npin = 2", "the same key or section stands in the file twice; keep one"),
     ('when = { below = "1 m", below = "2 m" }', "the same key or section stands in the file twice; keep one"),
-    ('size = "20 cm', 'a text has no quote at its end: write one more "'),
+    ('size = "20 cm', "a text has no quote at its end, in this line or above"),
     ('of = ["a", "b"', "a [ has no ] in this line or above, or a comma is missing between two entries"),
     ('when = { below = "1 m", }', "leave out the comma before }"),
     ('model = "C:\\lens"', r"write \\ for each \, or the text in single quotes, such as 'C:\lens'"),
@@ -174,6 +174,7 @@ WRITTEN_ELSEWHERE = [
         '{ "camera": 1 }',
         'this looks like JSON; a configuration is TOML, such as [camera] and below it driver = "opencv"',
     ),
+    ('pin = "20" cm', "put what is behind the text into its quotes, or another key into a line of its own"),
     ("camera:", 'this looks like YAML; a configuration is TOML, such as [camera] and below it driver = "opencv"'),
 ]
 

@@ -63,7 +63,7 @@ def test_the_url_may_stand_in_a_file_of_its_own(service, tmp_path):
         (None, "cannot be read: there is no such file"),
         (b"", "is not an address such as 'ntfys://…'"),
         (b"top-secret-token", "is not an address such as 'ntfys://…'"),
-        (b"json://\xff\xfe", "it is not UTF-8 text (it has the byte 0xFF)"),
+        (b"json://\xff\xfe", "it is not UTF-8 text (it has the byte 0xFF, in Windows-1252 ÿ)"),
     ],
 )
 def test_a_file_without_a_url_is_refused_without_repeating_what_it_holds(tmp_path, text, words):

@@ -150,7 +150,8 @@ def test_no_file_beside_it_leaves_the_folder(desk: Desk, name: str) -> None:
 def test_nothing_is_saved_over_a_file_that_is_no_text_and_its_reason_is_said_as_it_is(desk: Desk) -> None:
     desk.configuration.write_bytes(b"# f\xfcr den Ball\n")
     with pytest.raises(
-        StadimeterError, match=rf"^{desk.configuration}:1: it is not UTF-8 text \(it has the byte 0xFC\)$"
+        StadimeterError,
+        match=rf"^{desk.configuration}:1: it is not UTF-8 text \(it has the byte 0xFC, in Windows-1252 ü\)$",
     ):
         ask(desk, "save", text=THERE, base_version="")
     assert desk.configuration.read_bytes() == b"# f\xfcr den Ball\n"

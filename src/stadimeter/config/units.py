@@ -116,7 +116,7 @@ _TIME_OF_DAY = re.compile(r"\s*(\d{1,2}):(\d{2})(?::(\d{2}(?:\.\d+)?))?\s*")
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+(?:\.\d*|,\d+)?|[.,]\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 # What telephones and word processors type in place of what a keyboard has, and characters without width.
-_TYPED = str.maketrans("″”′\u2019−\u2013º˚µμ\uff05", "\"\"''--°°uu%", "\u200b\u200c\u200d\u2060\ufeff\u00ad")
+_TYPED = str.maketrans("″”′\u2019−\u2013º˚µμ\uff05", "\"\"''--°°uu%", "\u200b\u200e\u200f\u2060\ufeff\u00ad")
 # Parts of units as people spell them, each with what stands for it here.
 _SPELT = {
     r"[\s.]": "", "milli": "m", "centi": "c", "kilo": "k", "micro": "u", "met(er|re)s?": "m", "sec(ond)?s?": "s",
