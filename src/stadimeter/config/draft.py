@@ -45,10 +45,14 @@ BASE_NAME = "base"
 # Names that mean something else in events and traces.
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _TAKEN: dict[str, set[str]] = {
-    "targets": {"camera", "mounting"}, "actuators": {"camera", "mounting", BASE_NAME}, "buttons": set(),
-    "sensors": {"camera", "mounting"}, "notifiers": set(), "rules": {"safety", "safe", "operator"},
+    "targets": {"camera", "mounting"},
+    "actuators": {"camera", "mounting", BASE_NAME},
+    "buttons": set(),
+    "sensors": {"camera", "mounting"},
+    "notifiers": set(),
+    "rules": {"safety", "safe", "operator"},
     "figures": {*FIELDS},
-}  # fmt: skip
+}
 
 
 class ConfiguredParts(Struct, kw_only=True):

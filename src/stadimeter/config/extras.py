@@ -11,9 +11,16 @@ from stadimeter.errors import DriverUnavailableError
 
 # The library of each extra, by the extra's name.
 LIBRARIES = {
-    "metrics": "prometheus_client", "network": "onnxruntime", "notify": "apprise", "pi": "lgpio", "record": "mcap",
-    "ros2": "websockets", "sun": "astral", "tof": "VL53L1X", "web": "uvicorn",
-}  # fmt: skip
+    "metrics": "prometheus_client",
+    "network": "onnxruntime",
+    "notify": "apprise",
+    "pi": "lgpio",
+    "record": "mcap",
+    "ros2": "websockets",
+    "sun": "astral",
+    "tof": "VL53L1X",
+    "web": "uvicorn",
+}
 
 # The first version that can give up waiting for a camera (`cancel_all_and_flush`).
 OLDEST_PICAMERA2 = "0.3.20"

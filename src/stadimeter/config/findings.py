@@ -99,22 +99,37 @@ _MAX_VALUE_LENGTH = 60
 
 # Complaints about the kind of a value, by the beginning of pydantic's name for the error.
 _KINDS = {
-    "bool": "neither true nor false", "bytes": "not text; put it in quotes", "date": "not a date",
-    "dict": "not a table; write it as { … }", "float": "not a number", "frozen_set": "not a list; write it as [ … ]",
-    "int": "not a whole number", "is_instance": "of the wrong kind", "list": "not a list; write it as [ … ]",
-    "mapping": "not a table; write it as { … }", "model": "not a table; write it as { … }",
-    "path": "not a path; put it in quotes", "set": "not a list; write it as [ … ]",
-    "string": "not text; put it in quotes", "tuple": "not a list; write it as [ … ]",
-}  # fmt: skip
+    "bool": "neither true nor false",
+    "bytes": "not text; put it in quotes",
+    "date": "not a date",
+    "dict": "not a table; write it as { … }",
+    "float": "not a number",
+    "frozen_set": "not a list; write it as [ … ]",
+    "int": "not a whole number",
+    "is_instance": "of the wrong kind",
+    "list": "not a list; write it as [ … ]",
+    "mapping": "not a table; write it as { … }",
+    "model": "not a table; write it as { … }",
+    "path": "not a path; put it in quotes",
+    "set": "not a list; write it as [ … ]",
+    "string": "not text; put it in quotes",
+    "tuple": "not a list; write it as [ … ]",
+}
 
 # The same for limits, by pydantic's full name for the error.
 _LIMITS = {
-    "finite_number": "not a finite number", "greater_than": "not above {gt}", "greater_than_equal": "below {ge}",
-    "less_than": "not below {lt}", "less_than_equal": "above {le}", "multiple_of": "not a multiple of {multiple_of}",
-    "string_pattern_mismatch": "not of the form {pattern}", "string_too_long": "longer than {max_length} characters",
-    "string_too_short": "shorter than {min_length} characters", "too_long": "a list of more than {max_length} entries",
+    "finite_number": "not a finite number",
+    "greater_than": "not above {gt}",
+    "greater_than_equal": "below {ge}",
+    "less_than": "not below {lt}",
+    "less_than_equal": "above {le}",
+    "multiple_of": "not a multiple of {multiple_of}",
+    "string_pattern_mismatch": "not of the form {pattern}",
+    "string_too_long": "longer than {max_length} characters",
+    "string_too_short": "shorter than {min_length} characters",
+    "too_long": "a list of more than {max_length} entries",
     "too_short": "a list of fewer than {min_length} entries",
-}  # fmt: skip
+}
 
 
 def findings_of(

@@ -441,19 +441,36 @@ FilePath = Annotated[Path, BeforeValidator(_resolve)]
 
 # Width and height by name: ISO 216, ANSI/ASME Y14.1 and its relatives, and ISO/IEC 7810 ID-1.
 PAPER = {
-    "A1": ("594 mm", "841 mm"), "A2": ("420 mm", "594 mm"), "A3": ("297 mm", "420 mm"), "A4": ("210 mm", "297 mm"),
-    "A5": ("148 mm", "210 mm"), "A6": ("105 mm", "148 mm"), "letter": ("8.5 in", "11 in"), "legal": ("8.5 in", "14 in"),
-    "tabloid": ("11 in", "17 in"), "index card": ("5 in", "3 in"), "business card": ("85 mm", "55 mm"),
-    "US business card": ("3.5 in", "2 in"), "credit card": ("85.6 mm", "53.98 mm"),
-}  # fmt: skip
+    "A1": ("594 mm", "841 mm"),
+    "A2": ("420 mm", "594 mm"),
+    "A3": ("297 mm", "420 mm"),
+    "A4": ("210 mm", "297 mm"),
+    "A5": ("148 mm", "210 mm"),
+    "A6": ("105 mm", "148 mm"),
+    "letter": ("8.5 in", "11 in"),
+    "legal": ("8.5 in", "14 in"),
+    "tabloid": ("11 in", "17 in"),
+    "index card": ("5 in", "3 in"),
+    "business card": ("85 mm", "55 mm"),
+    "US business card": ("3.5 in", "2 in"),
+    "credit card": ("85.6 mm", "53.98 mm"),
+}
 
 # The middle of what each sport's rules allow, which is about a hundredth of it to either side. A measured diameter is
 # better: an old tennis ball may be 64 mm.
 BALLS = {
-    "table tennis ball": "40 mm", "golf ball": "42.7 mm", "pool ball": "57.2 mm", "tennis ball": "67 mm",
-    "cricket ball": "72 mm", "baseball": "74 mm", "softball": "97 mm", "handball": "18.8 cm", "volleyball": "21 cm",
-    "football": "22 cm", "basketball": "24.3 cm",
-}  # fmt: skip
+    "table tennis ball": "40 mm",
+    "golf ball": "42.7 mm",
+    "pool ball": "57.2 mm",
+    "tennis ball": "67 mm",
+    "cricket ball": "72 mm",
+    "baseball": "74 mm",
+    "softball": "97 mm",
+    "handball": "18.8 cm",
+    "volleyball": "21 cm",
+    "football": "22 cm",
+    "basketball": "24.3 cm",
+}
 
 # What a person writes for a size that is not known, in lower case.
 UNKNOWN_SIZE = frozenset({"unknown", "?", "i don't know", "don't know"})
