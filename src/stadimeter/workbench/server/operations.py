@@ -46,7 +46,7 @@ class Desk(Struct, kw_only=True):
     at_end: list[Callable[[], None]] = field(default_factory=list)
 
     def remember(self, name: str, key: object, make: Callable[[], T]) -> T:
-        """Keep the value of one key: return it while the key is the same, or make it anew."""
+        """Return the value that was made for a key; for another key than the last time it is made anew."""
         if name not in self.kept or self.kept[name][0] != key:
             self.kept[name] = key, make()
         found: T = self.kept[name][1]
