@@ -8,10 +8,15 @@ every message; a text in which an address may stand, such as an error with the v
 from __future__ import annotations
 
 import re
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from stadimeter.config.files import SECRET_MAX_BYTES, read_untrusted_text
 from stadimeter.errors import DeviceOpenError, UnreadableError
+
+if TYPE_CHECKING:
+    import ssl
 
 # Stands in place of the secret parts of an address.
 LEFT_OUT = "…"
@@ -50,6 +55,26 @@ def address_in(file: Path, example: str) -> str:
     if not lines or "://" not in lines[0]:
         raise DeviceOpenError(f"the first line of {file} is not an address such as '{example}'")
     return lines[0].strip()
+
+
+def not_trusted(error: ssl.SSLCertVerificationError, host: str, of_unknown: str) -> str:
+    """Say why a certificate is not trusted, and the remedy: by far not every one is of an authority that is not known.
+
+    Args:
+        of_unknown: The remedy for one that is.
+    """
+    now = datetime.now(UTC)
+    remedy = "another certificate is needed there"
+    match error.verify_code:  # OpenSSL's X509_V_ERR_…
+        case 9:  # …CERT_NOT_YET_VALID
+            remedy = f"this computer's clock says {now:%Y-%m-%d %H:%M} UTC: set it, or wait for the time server"
+        case 10:  # …CERT_HAS_EXPIRED
+            remedy = f"if it is {now:%Y-%m-%d} today, renew it there, else set this computer's clock"
+        case 62 | 64:  # …HOSTNAME_MISMATCH, …IP_ADDRESS_MISMATCH
+            remedy = f"write as host a name that is in it, in place of '{host}'"
+        case 2 | 18 | 19 | 20 | 21:  # …UNABLE_TO_GET_ISSUER_CERT and the like, …SELF_SIGNED
+            remedy = of_unknown
+    return f"is not trusted: {error.verify_message.rstrip('.')}; {remedy}"
 
 
 def check_page_address(text: object) -> str:
