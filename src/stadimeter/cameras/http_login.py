@@ -57,17 +57,13 @@ class HttpLogin(urllib.request.BaseHandler):
             known = f"Basic and Digest ({', '.join(HASHES)}) are known here"
             raise DeviceOpenError(f"its sender asks for a login by {asked}; {known}")
         if not self._user:
-            raise DeviceOpenError(
-                f"its sender asks for user and password ({asked}); write them in front of the host, "
-                "as in http://USER:PASSWORD@HOST/stream"
-            )
+            remedy = "write them in front of the host, as in http://USER:PASSWORD@HOST/stream"
+            raise DeviceOpenError(f"its sender asks for user and password ({asked}); {remedy}")
         self._answers += 1
-        answer = self._basic() if scheme.lower() == "basic" else self._digest(request, given)
+        plain = base64.b64encode(f"{self._user}:{self._password}".encode()).decode()
+        answer = f"Basic {plain}" if scheme.lower() == "basic" else self._digest(request, given)
         request.add_unredirected_header("Authorization", answer)
         return self.parent.open(request, timeout=request.timeout)
-
-    def _basic(self) -> str:
-        return "Basic " + base64.b64encode(f"{self._user}:{self._password}".encode()).decode()
 
     def _digest(self, request: urllib.request.Request, given: Mapping[str, str]) -> str:
         """Return the answer of RFC 7616, section 3.4."""

@@ -455,11 +455,9 @@ def _why_unreached(reason: object, address: SplitResult) -> str:
     if isinstance(reason, ssl.SSLCertVerificationError):
         authority = "add its authority to those of this computer, with update-ca-certificates, or use http"
         return f"its certificate {not_trusted(reason, address.hostname or '', authority)}"
+    words, other = f"its sender does not answer ({reason})", "http" if address.scheme == "https" else "https"
     is_other = isinstance(reason, (ssl.SSLError, ConnectionResetError)) or "handshake" in str(reason)
-    other = "http" if address.scheme == "https" else "https"
-    return f"its sender does not answer ({reason})" + (
-        f"; is it {other} in place of {address.scheme}?" if is_other else ""
-    )
+    return f"{words}; is it {other} in place of {address.scheme}?" if is_other else words
 
 
 def _stream_of(response: http.client.HTTPResponse, read_timeout_s: float, seen: SeenPictures) -> MjpegStream | None:

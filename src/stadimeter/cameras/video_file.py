@@ -156,16 +156,10 @@ class VideoFileCamera(RecordedCamera):
 
     def _end_or_damage(self) -> EndOfFramesError | PictureError:
         self._ended = True
-        if not self._read:
-            return PictureError(
-                f"OpenCV can decode no frame of the video {self._path}: it has no decoder for it (AV1, for example), or"
-                f" the video is damaged or cut short; `ffmpeg -i {self._path.name} NEW.mp4` converts it"
-            )
-        if self._read < ENOUGH_OF_THE_FRAMES * self._announced - 1:
-            return PictureError(
-                f"the video {self._path} ends after {self._read} of {self._announced:.0f} frames:"
-                " it is damaged or cut short"
-            )
+        if not self._read or self._read < ENOUGH_OF_THE_FRAMES * self._announced - 1:
+            other = f", or of a kind that OpenCV lacks, as AV1; `ffmpeg -i {self._path.name} NEW.mp4` converts it"
+            ends = f"the video {self._path} ends after {self._read} of {self._announced:.0f} frames"
+            return PictureError(f"{ends}: it is damaged or cut short{'' if self._read else other}")
         return EndOfFramesError(f"the video {self._path} is at its end")
 
     def _end(self) -> None:

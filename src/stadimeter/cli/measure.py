@@ -315,9 +315,8 @@ def measure(
         if names is None and config is None and len(wanted.choices) == 2:  # of two --target
             names = wanted.choices[0].name, wanted.choices[1].name
         camera_model = _lens(camera, wanted) if rig is None else rig.left
-        name = words_for_people(
-            (live or "").partition(",")[0]
-        )  # the configuration or the driver: its options would fill each line
+        # The configuration or the driver: its options would fill each line.
+        name = words_for_people((live or "").partition(",")[0])
         work = _Work(
             measuring=Measuring(
                 build_detectors(wanted.choices, camera_model, wanted.footings), camera_model, wanted.mount

@@ -64,16 +64,14 @@ def not_trusted(error: ssl.SSLCertVerificationError, host: str, of_unknown: str)
         of_unknown: The remedy for one that is.
     """
     now = datetime.now(UTC)
-    remedy = "another certificate is needed there"
-    match error.verify_code:  # OpenSSL's X509_V_ERR_…
-        case 9:  # …CERT_NOT_YET_VALID
-            remedy = f"this computer's clock says {now:%Y-%m-%d %H:%M} UTC: set it, or wait for the time server"
-        case 10:  # …CERT_HAS_EXPIRED
-            remedy = f"if it is {now:%Y-%m-%d} today, renew it there, else set this computer's clock"
-        case 62 | 64:  # …HOSTNAME_MISMATCH, …IP_ADDRESS_MISMATCH
-            remedy = f"write as host a name that is in it, in place of '{host}'"
-        case 2 | 18 | 19 | 20 | 21:  # …UNABLE_TO_GET_ISSUER_CERT and the like, …SELF_SIGNED
-            remedy = of_unknown
+    another_name = f"write as host a name that is in it, in place of '{host}'"
+    remedies = {  # by OpenSSL's X509_V_ERR_…
+        9: f"this computer's clock says {now:%Y-%m-%d %H:%M} UTC: set it, or wait for the time server",  # not yet valid
+        10: f"if it is {now:%Y-%m-%d} today, renew it there, else set this computer's clock",  # has expired
+        **dict.fromkeys((62, 64), another_name),  # host name, address
+        **dict.fromkeys((2, 18, 19, 20, 21), of_unknown),  # no issuer is known, or it signs itself
+    }
+    remedy = remedies.get(error.verify_code, "another certificate is needed there")
     return f"is not trusted: {error.verify_message.rstrip('.')}; {remedy}"
 
 

@@ -158,19 +158,16 @@ _SHARE_MAX = 8.0
 # The last chunk of a PNG, with the CRC of nothing (Portable Network Graphics specification, 11.2.5).
 _PNG_END = b"IEND\xaeB`\x82"
 
-_TIFF_STARTS = (b"II*\0", b"MM\0*")
-_STARTS = (_JPEG_START, _PNG_START, b"BM", *_TIFF_STARTS, b"RIFF", *(b"P%d" % kind for kind in range(1, 7)))
+_PICTURE = re.compile(rb"\xff\xd8|\x89PNG\r\n\x1a\n|BM|II\*\0|MM\0\*|RIFF....WEBP|P[1-6]", re.DOTALL)
 
 
 def is_picture(head: bytes) -> bool:
     """Check whether a file begins as a picture does that can be read here."""
-    return head.startswith(_STARTS) and (not head.startswith(b"RIFF") or head[8:12] == b"WEBP")
+    return bool(_PICTURE.match(head))
 
 
 # Matroska and WebM, Flash, Ogg, Windows Media, MPEG, video without compression, and H.264 without a container.
-_VIDEO_STARTS = (
-    *(b"\x1aE\xdf\xa3", b"FLV", b"OggS", b"0&\xb2u", b"\0\0\x01\xba", b"\0\0\x01\xb3", b"YUV4MPEG2", b"\0\0\0\x01"),
-)
+_VIDEO = re.compile(rb"\x1aE\xdf\xa3|FLV|OggS|0&\xb2u|\0\0\x01[\xba\xb3]|YUV4MPEG2|\0\0\0\x01|RIFF....AVI ", re.DOTALL)
 # HEIC and AVIF, also of several pictures, and raw files of Canon.
 _PICTURE_BRANDS = (b"hei", b"hev", b"mif", b"msf", b"avi", b"crx")
 # Raw files of cameras: some are TIFFs that state a version of DNG, or begin with a small preview (NewSubfileType 1).
@@ -196,7 +193,7 @@ def other_kind(head: bytes) -> str:
 def is_video(head: bytes) -> bool:
     """Check whether a file begins as a video does. Some telephones store pictures in the container of MP4."""
     is_mp4 = head[4:8] == b"ftyp" and not head[8:12].startswith(_PICTURE_BRANDS)
-    return is_mp4 or head.startswith(_VIDEO_STARTS) or (head.startswith(b"RIFF") and head[8:12] == b"AVI ")
+    return is_mp4 or bool(_VIDEO.match(head))
 
 
 def holds_video(path: Path) -> bool:

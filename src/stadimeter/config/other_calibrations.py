@@ -26,6 +26,8 @@ _OTHER_LENS = re.compile(
     r"|(fisheye)(?:_model)?\W{1,4}(?:1|true)\b",
     re.IGNORECASE,
 )
+# Such a file states no uncertainty: this is what a board of 20 pictures leaves, and edges of an unknown camera.
+_UNKNOWN = {"focal_relative_sigma": 0.003, "edge_bias_sigma_px": 0.1, "method": "a calibration file of another program"}
 _WRITE = "write its numbers into a camera file: width_px, height_px, fx_px, fy_px, cx_px, cy_px and distortion"
 # Files that are named as what they are.
 _UNREAD = {
@@ -48,35 +50,20 @@ def camera_table(text: str) -> dict[str, Any] | None:
     if not re.search(rf"{_key(_MATRIX)}|{_ANY}", text, re.IGNORECASE):
         return None
     intrinsics = _numbers(text, _MATRIX)
-    if len(intrinsics) == 9:
-        fx_px, cx_px, fy_px, cy_px = (intrinsics[at] for at in (0, 2, 4, 5))
-    elif len(intrinsics) == 4:
-        fx_px, fy_px, cx_px, cy_px = intrinsics
-    else:
+    places = {9: (0, 4, 2, 5), 4: (0, 1, 2, 3)}.get(len(intrinsics))
+    if places is None:
         raise ValueError(f"it has no camera matrix of 3 x 3 numbers; {_WRITE}")
-    width_px, height_px = _size(text)
-    if not (0.25 < cx_px / width_px < 0.75 and 0.25 < cy_px / height_px < 0.75):  # not so with a NaN either
-        where = f"{cx_px:g}, {cy_px:g} px, far from the middle of {width_px} x {height_px} px"
+    lens = [intrinsics[at] for at in places]
+    size_px = _size(text)
+    if not all(0.25 < centre / side < 0.75 for centre, side in zip(lens[2:], size_px, strict=True)):
+        where = f"{lens[2]:g}, {lens[3]:g} px, far from the middle of {size_px[0]} x {size_px[1]} px"
         raise ValueError(f"its optical centre is at {where}: is that the size of its pictures?")
     coefficients = _numbers(text, _DISTORTION)
     if any(coefficients[LENS_COEFFICIENTS:]):
-        raise ValueError(
-            f"its lens has {len(coefficients)} coefficients (rational model), and a camera file k1, k2, p1, p2 and k3: "
-            "calibrate with 5 of them"
-        )
-    return {
-        "width_px": width_px,
-        "height_px": height_px,
-        "fx_px": fx_px,
-        "fy_px": fy_px,
-        "cx_px": cx_px,
-        "cy_px": cy_px,
-        "distortion": coefficients[:LENS_COEFFICIENTS],
-        # Such a file states no uncertainty: this is what a board of 20 pictures leaves, and edges of an unknown camera.
-        "focal_relative_sigma": 0.003,
-        "edge_bias_sigma_px": 0.1,
-        "method": "a calibration file of another program",
-    }
+        count = f"{len(coefficients)} coefficients (rational model)"
+        raise ValueError(f"its lens has {count}, and a camera file k1, k2, p1, p2 and k3: calibrate with 5 of them")
+    keys = ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px")
+    return dict(zip(keys, (*size_px, *lens), strict=True)) | {"distortion": coefficients[:LENS_COEFFICIENTS]} | _UNKNOWN
 
 
 def _refuse_others(text: str) -> None:
@@ -107,10 +94,8 @@ def _numbers(text: str, names: str) -> list[float]:
 def _size(text: str) -> Sequence[int]:
     both = _numbers(text, "resolution|image_?size|img_size|DIM")
     if len(both) != 2:
-        each = (
-            re.search(rf"(?:image_?|\b){side}\"?>?\s*:?\s*(\d+)", text, re.IGNORECASE) for side in ("width", "height")
-        )
-        both = [float(found[1]) for found in each if found]
+        sides = (rf'(?:image_?|\b){side}"?>?\s*:?\s*(\d+)' for side in ("width", "height"))
+        both = [float(found[1]) for side in sides if (found := re.search(side, text, re.IGNORECASE))]
     if len(both) != 2 or not all(both):
         raise ValueError("it does not say how wide and high its pictures are; add image_width and image_height")
     return [round(side) for side in both]

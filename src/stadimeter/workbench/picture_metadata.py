@@ -66,14 +66,13 @@ def _head(path: Path) -> bytes:
 # Settings that differ by no more than this share count as the same: cameras round them.
 SAME_ZOOM = 0.005
 
-# Tags of EXIF data: what each says of the lens.
+# Tags of EXIF data: what each says of the lens, in a camera file and in words.
 _DIGITAL_ZOOM = 0xA404
-_SETTINGS = {0x920A: "focal_length_mm", 0xA405: "equivalent_mm", _DIGITAL_ZOOM: "digital_zoom", 0xA434: "lens"}
-_WORDS = {
-    "focal_length_mm": ("focal length", " mm"),
-    "equivalent_mm": ("35 mm equivalent", " mm"),
-    "digital_zoom": ("digital zoom", ""),
-    "lens": ("the lens", ""),
+_SETTINGS = {
+    0x920A: ("focal_length_mm", "focal length", " mm"),
+    0xA405: ("equivalent_mm", "35 mm equivalent", " mm"),
+    _DIGITAL_ZOOM: ("digital_zoom", "digital zoom", ""),
+    0xA434: ("lens", "the lens", ""),
 }
 _EXIF_DIRECTORY = 0x8769
 _TEXT, _SHORT, _LONG, _RATIONAL = 2, 3, 4, 5
@@ -102,9 +101,8 @@ def check_lens_settings(paths: Sequence[Path]) -> None:
 
 def _difference(one: Settings, other: Settings) -> tuple[str, str, str] | None:
     """Return the name of a setting that differs, and both values; None if none does that both state."""
-    for key, (name, unit) in _WORDS.items():
-        values = one.get(key), other.get(key)
-        match values:
+    for key, name, unit in _SETTINGS.values():
+        match one.get(key), other.get(key):
             case (float(a), float(b)) if abs(b / a - 1) > SAME_ZOOM:
                 return name, f"{a:g}{unit}", f"{b:g}{unit}"
             case (str(a), str(b)) if a != b:
@@ -140,7 +138,7 @@ def read_lens_settings(path: Path) -> Settings:
         values = dict(_entries(tiff, int(settings_at), order)) if settings_at else {}
     except struct.error:
         return {}
-    known = {key: values[tag] for tag, key in _SETTINGS.items() if values.get(tag)}
+    known = {key: values[tag] for tag, (key, *_) in _SETTINGS.items() if values.get(tag)}
     return {"digital_zoom": 1.0, **known} if known or _DIGITAL_ZOOM in values else {}  # its 0 says the same
 
 
