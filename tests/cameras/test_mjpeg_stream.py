@@ -9,6 +9,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -95,6 +96,8 @@ class Handler(BaseHTTPRequestHandler):
             self._answer(302, {"Location": "file:///etc/hostname"})
         elif self.path.startswith("/cam"):
             self._send_pictures()
+        elif self.path == "/one":
+            self._answer(200, {"Content-Type": self.server.content_type}, picture(0))
         elif self.path.startswith("/video"):
             self._answer(200, {"Content-Type": "video/x-msvideo"}, Path(self.server.video).read_bytes())
         else:
@@ -342,7 +345,7 @@ def basic(authorization: str) -> bool:
     return authorization == "Basic " + base64.b64encode(b"me:se@cret").decode()
 
 
-def digest(name: str, hashed: Callable[[bytes], Any]) -> Callable[[str], bool]:
+def digest(name: str, hashed: Callable[[bytes], Any], realm: str = "cam") -> Callable[[str], bool]:
     """Return the check of a server that asks for a digest, written down from RFC 7616, section 3.4."""
 
     def of(text: str) -> str:
@@ -352,10 +355,11 @@ def digest(name: str, hashed: Callable[[bytes], Any]) -> Callable[[str], bool]:
         given = dict(re.findall(r'(\w+)="?([^",]+)"?', authorization))
         if not authorization.startswith("Digest ") or given.get("algorithm", name) != name:
             return False
-        secret = of("me:cam:se@cret")
+        secret = of(f"me:{realm}:se@cret")
         secret = of(f"{secret}:n0nce:{given['cnonce']}") if name.endswith("-sess") else secret
         asked = of("GET:/cam")
-        between = f"{given['nc']}:{given['cnonce']}:auth:" if "qop" in given else ""
+        asked = of(f"GET:/cam:{of('')}") if given.get("qop") == "auth-int" else asked
+        between = f"{given['nc']}:{given['cnonce']}:{given['qop']}:" if "qop" in given else ""
         return given["response"] == of(f"{secret}:n0nce:{between}{asked}")
 
     return is_right
@@ -368,6 +372,14 @@ LOGINS: dict[str, tuple[str, Callable[[str], bool]]] = {
     "md5": (f"{DIGEST}MD5", digest("MD5", hashlib.md5)),
     "md5-sess": (f"{DIGEST}MD5-sess", digest("MD5-sess", hashlib.md5)),
     "sha-256": (f"{DIGEST}SHA-256", digest("SHA-256", hashlib.sha256)),
+    "sha-512-256": (f"{DIGEST}SHA-512-256", digest("SHA-512-256", partial(hashlib.new, "sha512_256"))),
+    "auth-int alone": ('Digest realm="cam", nonce="n0nce", qop="auth-int"', digest("MD5", hashlib.md5)),
+    "a session without qop": ('Digest realm="cam", nonce="n0nce", algorithm=MD5-sess', digest("MD5-sess", hashlib.md5)),
+    "an empty qop": ('Digest realm="cam", nonce="n0nce", qop=""', digest("MD5", hashlib.md5)),
+    "quotes and commas in the realm": (
+        r'Digest realm="My \"best\" one, Basic", nonce="n0nce"',
+        digest("MD5", hashlib.md5, 'My "best" one, Basic'),
+    ),
     "the better of two": (f"{DIGEST}MD5, {DIGEST}SHA-256", digest("SHA-256", hashlib.sha256)),
     "behind one that is not known": ('Negotiate, Basic realm="cam"', basic),
 }
@@ -385,17 +397,29 @@ def test_user_and_password_of_the_address_are_sent(
 
 
 def test_a_login_that_cannot_be_answered_is_named(server: Server, open_camera: Callable[..., OpenCvCamera]) -> None:
-    server.challenge, server.allows = f"{DIGEST}SHA-512-256", lambda _authorization: False
-    with pytest.raises(DeviceOpenError, match="asks for a login by Digest SHA-512-256; Basic and Digest"):
-        open_camera(f"http://me:secret@{server.place}/cam")
-    with pytest.raises(DeviceOpenError, match=r"asks for user and password \(Digest SHA-512-256\); write them"):
+    server.challenge, server.allows = f"Negotiate, {DIGEST}SHA-1", lambda _authorization: False
+    for user in ("me:secret@", ""):
+        with pytest.raises(DeviceOpenError, match="asks for a login by Negotiate, Digest SHA-1; Basic and Digest"):
+            open_camera(f"http://{user}{server.place}/cam")
+    server.challenge = f"{DIGEST}SHA-256"
+    with pytest.raises(DeviceOpenError, match=r"asks for user and password \(Digest SHA-256\); write them"):
         open_camera(f"http://{server.place}/cam")
 
 
-def test_an_address_of_one_picture_is_said_to_be_no_stream(server: Server, open_camera) -> None:
-    server.content_type = "image/jpeg"
+def test_a_challenge_that_is_out_of_date_is_followed_by_another(server: Server, open_camera) -> None:
+    def allows(authorization: str) -> bool:
+        server.challenge = f"{DIGEST}MD5, stale=TRUE".replace("n0nce", "new" if authorization else "old")
+        return 'nonce="new"' in authorization
+
+    server.allows = allows
+    assert open_camera(f"http://me:secret@{server.place}/cam").read().width_px == SIZE[0]
+
+
+@pytest.mark.parametrize("kind", ["image/jpeg", "application/octet-stream", "text/html"])
+def test_an_address_of_one_picture_is_said_to_be_no_stream(server: Server, open_camera, kind: str) -> None:
+    server.content_type = kind
     with pytest.raises(DeviceOpenError, match="one picture, not a stream"):
-        open_camera()
+        open_camera(f"http://{server.place}/one")
 
 
 def test_what_is_no_stream_of_pictures_is_left_to_ffmpeg(
@@ -448,6 +472,8 @@ def test_senders_may_write_a_stream_in_their_own_ways(
     found = parts_of(boundary, data)
     assert [part.body.rstrip(b"\r\n") for part in found] == list(JPEGS)
     assert [part.stamp_s for part in found] == [1700.25, 1701.25, 1702.25]
+    unended = data.replace(b"\xff\xd9" + line_end, b"\xff\xd9")
+    assert [part.body for part in parts_of(boundary, unended)] == list(JPEGS), "without a line end before a boundary"
 
 
 @given(size=st.integers(1, 400), has_length=st.booleans())
@@ -501,7 +527,8 @@ def test_a_length_that_does_not_fit_costs_no_picture(length: Callable[[int], int
 
 
 def test_a_boundary_that_is_another_than_the_header_states_is_found() -> None:
-    assert [part.body.rstrip(b"\r\n") for part in parts_of("other", stream())] == list(JPEGS)
+    for data in (stream(), stream().replace(b"Content-Type: image/jpeg", b"X-Of: it")):
+        assert [part.body.rstrip(b"\r\n") for part in parts_of("other", data)] == list(JPEGS)
 
 
 @pytest.mark.parametrize(

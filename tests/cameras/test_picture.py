@@ -101,8 +101,14 @@ def test_the_end_of_a_thumbnail_is_not_taken_for_the_end_of_the_picture(tmp_path
 
 def test_bytes_after_the_end_of_a_jpeg_do_no_harm(tmp_path: Path, scene: Image) -> None:
     path = tmp_path / "phone.jpg"
-    path.write_bytes(encode(scene, ".jpg") + b"MotionPhoto\xff\x00" * 20)
+    whole = encode(scene, ".jpg")
+    path.write_bytes(whole + b"MotionPhoto\xff\x00" * 20)
     assert load_picture(path).image.shape == scene.shape
+    announced = whole[:2] + b"\xff\xe2\x00\x08MPF\0ab" + whole[2:]
+    path.write_bytes(announced + whole)
+    assert load_picture(path).image.shape == scene.shape, "a preview of a telephone"
+    path.write_bytes(whole + whole)
+    assert "several JPEGs behind one another, as in a video" in refusal(path)
 
 
 def test_a_turned_camera_s_picture_is_turned_upright(tmp_path: Path, scene: Image) -> None:
@@ -390,6 +396,10 @@ def test_a_picture_of_floating_point_numbers_is_read_where_they_are_levels(
     as_it_is = [cv2.IMWRITE_TIFF_COMPRESSION, 1]  # OpenCV 4.10 would write logarithms
     path.write_bytes(encode(scene.astype(np.float32) / (255.0 / most), ".tif", as_it_is))
     assert np.array_equal(load_picture(path).image, scene)
+    path.write_bytes(encode(scene[..., 0].astype(np.float32) / (255.0 / most), ".tif", as_it_is))
+    assert np.array_equal(load_picture(path).image, cv2.merge([scene[..., 0]] * 3)), "of one channel too"
+    path.write_bytes(encode(np.float32([[0.5, 1.25]]), ".tif", as_it_is))
+    assert load_picture(path).image[0, :, 0].tolist() == [128, 255], "a light above white is white"
     for wrong in (-1.0, 1000.0, np.nan):
         path.write_bytes(encode(np.full((8, 8, 3), wrong, np.float32), ".tif", as_it_is))
         assert "no levels of light" in refusal(path)
@@ -400,7 +410,12 @@ def test_a_picture_of_floating_point_numbers_is_read_where_they_are_levels(
     [
         (b"\0\0\0\x18ftypheic\0\0\0\0mif1heic", "HEIC, as iPhones write it"),
         (b"\0\0\0\x18ftypavif\0\0\0\0mif1", "AVIF"),
+        (b"\0\0\0\x18ftyphevc\0\0\0\0msf1hevc", "HEIC"),
+        (b"\0\0\0\x18ftypcrx \0\0\0\0crx isom", "raw file"),
         (b"II*\0\x10\0\0\0CR\2\0", "raw file"),
+        (b"II*\0\x08\0\0\0\1\0\x12\xc6\1\0\4\0\0\0\1\4\0\0", "raw file"),
+        (b"MM\0*\0\0\0\x08\0\1\0\xfe\0\4\0\0\0\1\0\0\0\1", "raw file"),
+        (b"\0\0\0\x0cJXL \r\n\x87\n", "it is JPEG XL"),
         (b"GIF89a", "convert it to PNG"),
     ],
 )

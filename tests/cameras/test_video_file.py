@@ -77,8 +77,10 @@ def test_a_rate_without_sense_must_be_replaced(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "words"), [(None, "there is no such file"), (b"", "is empty"), (b"hello\n" * 1000, "not a video")]
-)
+    ("data", "words"),
+    [(None, "there is no such file"), (b"", "is empty"), (b"hello\n" * 1000, "not a video"),
+     (b"\xff\xd8\xff\xe0", "begins as a picture, not as a video")],
+)  # fmt: skip
 def test_what_is_no_video_is_refused_with_the_reason(tmp_path: Path, data: bytes | None, words: str) -> None:
     path = tmp_path / "text.mp4"
     if data is not None:
@@ -108,6 +110,11 @@ def test_a_video_that_ends_long_before_its_header_says_is_damaged(tmp_path: Path
     with pytest.raises(EndOfFramesError):
         camera.read()
     camera.close()
+    path.write_bytes(data[: start + 4])
+    with pytest.raises(
+        PictureError, match=r"after 0 of .* a kind that OpenCV lacks.* `ffmpeg -i cut.mp4 NEW.mp4` converts"
+    ):
+        next(frames_to_end(VideoFileCamera(path, None, ManualClock())))
 
 
 def convert(source: Path, target: Path, *words: str) -> Path:

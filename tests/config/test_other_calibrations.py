@@ -65,6 +65,32 @@ PHOTON = """{"resolution": {"width": 640.0, "height": 480.0}, "cameraIntrinsics"
         ("kalibr.yaml", KALIBR, 4),
         ("omnivision.yaml", "board_width: 9\nboard_height: 6\n" + ROS.replace("head", "omnivision_ov5647"), 5),
         ("photon.json", PHOTON, 5),
+        ("photon-2022.json", PHOTON.replace("distCoeffs", "cameraExtrinsics"), 5),
+        (
+            "from-python.json",
+            (
+                '{"mtx": [[610, 0, 321.5], [0, 612.5, 240.25], [0, 0, 1]], "dist": [[0.1, -0.2, 0.001,'
+                ' 0.0005, 0.03]], "image_size": [640, 480]}'
+            ),
+            5,
+        ),
+        (
+            "from-python.yaml",
+            (
+                "image_width: 640\nimage_height: 480\ncamera_matrix:\n- - 610.0\n  - 0.0\n  - 321.5\n"
+                "- - 0.0\n  - 612.5\n  - 240.25\n- - 0.0\n  - 0.0\n  - 1.0\ndist_coeff:\n- - 0.1\n  - -0.2\n  - 0.001\n"
+                "  - 0.0005\n  - 0.03\n"
+            ),
+            5,
+        ),
+        (
+            "echo.txt",
+            (
+                "height: 480\nwidth: 640\ndistortion_model: plumb_bob\nd:\n- 0.1\n- -0.2\n- 0.001\n- 0.0005\n"
+                "- 0.03\nk: [610.0, 0.0, 321.5, 0.0, 612.5, 240.25, 0.0, 0.0, 1.0]\nroi:\n  x_offset: 0\n"
+            ),
+            5,
+        ),
     ],
 )
 def test_a_calibration_of_another_program_is_read(tmp_path, name, text, coefficients):
@@ -88,12 +114,33 @@ def test_a_calibration_of_another_program_is_read(tmp_path, name, text, coeffici
         (KALIBR + KALIBR.replace("cam0", "cam1"), "several cameras"),
         (KALIBR.replace("612.5, ", ""), "no camera matrix"),
         (OPENCV.replace("image_width: 640\n", ""), "how wide"),
+        (OPENCV + "fisheye_model: 1\n", "fisheye"),
+        (OPENCV_XML.replace("<image_width>", "<fisheye_model>1</fisheye_model><image_width>"), "fisheye"),
+        (ROS.replace("plumb_bob", "thin_prism_fisheye"), "fisheye"),
+        (ROS + "roi: {x_offset: 100, y_offset: 0}\n", "part of the picture"),
+        (f"[{PHOTON}, {PHOTON}]", "several cameras or resolutions"),
+        (ROS.replace("640", "320").replace("480", "240"), "is that the size of its pictures"),
+        ('{"version": 2.0, "algorithms": [{"rpi.dpc": {}}]}', "tuning of libcamera"),
+        ("# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n1 PINHOLE 640 480 610 612 321 240\n", "COLMAP"),
+        ("PK\x03\x04", "NumPy; write its numbers"),
+        ("MATLAB 5.0 MAT-file", "MATLAB; write its numbers"),
+        ('{"fx": 610}', "no camera matrix .*; write its numbers"),
     ],
 )
 def test_what_cannot_be_read_is_named(tmp_path, text, words):
     path = tmp_path / "other.yaml"
     path.write_text(text)
     with pytest.raises(ConfigError, match=f"calibration file of another program cannot be used: .*({words})"):
+        load_camera_model(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "key"), [(ROS.replace("[610.0", "[.nan"), "fx_px"), (PHOTON.replace("0.03", "NaN"), "4")]
+)
+def test_what_is_no_number_is_an_error_of_its_key(tmp_path, text, key):
+    path = tmp_path / "other.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=f"{key}: nan is not a finite number"):
         load_camera_model(path)
 
 

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from stadimeter.cameras.mjpeg_stream import open_mjpeg
+from stadimeter.core.frame import SeenPictures
 from stadimeter.errors import DeviceOpenError
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.testing.rig import eventually
@@ -80,11 +82,13 @@ def test_a_broker_under_another_name_than_its_certificates_is_refused_in_words(
 @pytest.mark.parametrize(
     ("years", "words"),
     [((2040, 2041), r"not yet valid; this computer's clock says \d{4}-\d\d-\d\d \d\d:\d\d UTC: set it"),
-     ((2000, 2001), "expired; if it is .* today, renew it at the broker, else set this computer's clock")],
+     ((2000, 2001), "expired; if it is .* today, renew it there, else set this computer's clock")],
 )  # fmt: skip
 def test_a_certificate_of_another_time_names_the_clock_and_not_its_authority(
-    years, words, start_broker, make_messenger, certificate, tmp_path
+    years, words, start_broker, make_messenger, certificate, monkeypatch
 ):
+    tmp_path = certificate[0].parent / str(years[0])
+    tmp_path.mkdir()
     file = dated(tmp_path, certificate[1], *years)
     port = start_broker(certificate=file, key=certificate[1]).port
     messenger = make_messenger(port, tls=True, ca_file=str(file))
@@ -94,6 +98,18 @@ def test_a_certificate_of_another_time_names_the_clock_and_not_its_authority(
     found = doctor_says(tmp_path, port, tls=True, ca_file=str(file))
     assert re.search(words, f"{found.seen}; {found.remedy}")
     assert re.match("this computer's clock|if it is ", found.remedy)
+    monkeypatch.setenv("SSL_CERT_FILE", str(file))
+    with pytest.raises(DeviceOpenError, match=f"its certificate is not trusted: .*{words}"):
+        open_mjpeg(f"https://127.0.0.1:{port}/", 5.0, 5.0, SeenPictures())
+
+
+def test_a_stream_by_https_says_why_tls_does_not_trust_it(secure_broker, broker):
+    for port, words in (
+        (secure_broker.port, "self-signed certificate; add its authority to those of this computer"),
+        (broker.port, "is it http in place of https"),
+    ):
+        with pytest.raises(DeviceOpenError, match=words):
+            open_mjpeg(f"https://127.0.0.1:{port}/", 2.0, 2.0, SeenPictures())
 
 
 def dated(folder: Path, key: Path, begins: int, ends: int) -> Path:

@@ -70,22 +70,25 @@ def test_measure_and_calibrate_say_it(tmp_path: Path) -> None:
 
 # The zoom is read from the EXIF data of JPEG pictures, and never stand in the way of a picture.
 
-FOCAL, ZOOM, FOCAL_35 = 0x920A, 0xA404, 0xA405
+FOCAL, ZOOM, FOCAL_35, LENS = 0x920A, 0xA404, 0xA405, 0xA434
 
 
-def jpeg(order: str, rationals: dict[int, tuple[int, int]], focal_35: int = 0) -> bytes:
+def jpeg(order: str, rationals: dict[int, tuple[int, int]], focal_35: int = 0, lens: str = "") -> bytes:
     """Return the beginning of a JPEG file, with the settings in a directory of their own as cameras write them."""
     at = 8 + 2 + 12 + 4
-    entries = [(FOCAL_35, 3, struct.pack(f"{order}HH", focal_35, 0))] if focal_35 else []
-    values_at = at + 2 + 12 * (len(rationals) + len(entries)) + 4
+    entries = [(FOCAL_35, 3, 1, struct.pack(f"{order}HH", focal_35, 0))] if focal_35 else []
+    values_at = at + 2 + 12 * (len(rationals) + len(entries) + bool(lens)) + 4
     values = b""
     for tag, (above, below) in rationals.items():
-        entries.append((tag, 5, struct.pack(f"{order}L", values_at + len(values))))
+        entries.append((tag, 5, 1, struct.pack(f"{order}L", values_at + len(values))))
         values += struct.pack(f"{order}LL", above, below)
+    if lens:
+        entries.append((LENS, 2, len(lens) + 1, struct.pack(f"{order}L", values_at + len(values))))
+        values += lens.encode() + b"\0"
     tiff = (b"II" if order == "<" else b"MM") + struct.pack(f"{order}HL", 42, 8)
     tiff += struct.pack(f"{order}HHHLLL", 1, 0x8769, 4, 1, at, 0)
     tiff += struct.pack(f"{order}H", len(entries))
-    tiff += b"".join(struct.pack(f"{order}HHL", tag, kind, 1) + value for tag, kind, value in entries)
+    tiff += b"".join(struct.pack(f"{order}HHL", tag, kind, count) + value for tag, kind, count, value in entries)
     tiff += struct.pack(f"{order}L", 0) + values
     block = b"Exif\0\0" + tiff
     return b"\xff\xd8\xff\xe0\x00\x04ab\xff\xe1" + struct.pack(">H", 2 + len(block)) + block + b"\xff\xda\x00\x02"
@@ -123,10 +126,11 @@ def test_damaged_data_say_nothing_and_raise_nothing(
         (jpeg("<", {FOCAL: (600, 100)}, 30), "with focal length 4.12 mm"),
         (jpeg("<", {FOCAL: (412, 100)}, 52), "with 35 mm equivalent 30 mm"),
         (jpeg("<", {FOCAL: (412, 100), ZOOM: (3, 2)}, 30), "with digital zoom 1,"),
+        (jpeg("<", {FOCAL: (412, 100)}, 30, lens="back camera 9mm"), "with the lens back camera 4mm,"),
     ],
 )
 def test_pictures_with_another_zoom_are_refused_with_both_figures(tmp_path: Path, other: bytes, said: str) -> None:
-    one = written(tmp_path, "one.jpg", jpeg("<", {FOCAL: (412, 100), ZOOM: (1, 1)}, 30))
+    one = written(tmp_path, "one.jpg", jpeg("<", {FOCAL: (412, 100)}, 30, lens="back camera 4mm"))
     with pytest.raises(CalibrationError, match="another zoom or lens is another camera") as refused:
         check_lens_settings([one, written(tmp_path, "other.jpg", other)])
     assert said in str(refused.value)
@@ -217,11 +221,12 @@ def test_the_blur_of_an_edge_is_measured() -> None:
 
 
 def test_a_picture_of_another_lens_than_the_camera_files_is_remarked(tmp_path: Path) -> None:
-    wide, far, plain = (
+    wide, far, zoomed, plain = (
         written(tmp_path, name, jpeg("<", settings, focal_35))
         for name, settings, focal_35 in (
             ("wide.jpg", {FOCAL: (600, 100)}, 26),
             ("far.jpg", {}, 77),
+            ("zoomed.jpg", {FOCAL: (600, 100), ZOOM: (2, 1)}, 26),
             ("plain.jpg", {}, 0),
         )
     )
@@ -229,6 +234,8 @@ def test_a_picture_of_another_lens_than_the_camera_files_is_remarked(tmp_path: P
     read = load_camera_model(saved(tmp_path / "camera.toml", model))
     assert (read, hash(read)) == (model, hash(model)), "what a lens bends is computed once for each"
     assert [*other_lens_notes(model, [wide, plain])] == []
+    (note,) = other_lens_notes(model, [zoomed])
+    assert "was taken with digital zoom 2, the pictures of the camera file with 1" in note
     (note,) = other_lens_notes(model, [far])
     assert f"{far} was taken with 35 mm equivalent 77 mm, the pictures of the camera file with 26 mm" in note
 

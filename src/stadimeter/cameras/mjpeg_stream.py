@@ -12,13 +12,14 @@ import math
 import re
 import select
 import socket
+import ssl
 import time
 import traceback
 import urllib.request
 import zlib
 from collections.abc import Callable
 from urllib.error import HTTPError
-from urllib.parse import unquote, urlsplit
+from urllib.parse import SplitResult, unquote, urlsplit
 
 import cv2
 import numpy as np
@@ -26,6 +27,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from stadimeter.cameras.http_login import HttpLogin
+from stadimeter.config.addresses import not_trusted
 from stadimeter.config.files import JPEG_FILLED, PICTURE_MAX_PIXELS
 from stadimeter.core.frame import Image, SeenPictures
 from stadimeter.errors import DeviceOpenError, LinkLostError, PictureError
@@ -143,13 +145,13 @@ _STAMP = re.compile(rb"^x-timestamp[ \t]*:[ \t]*(\d{1,12}(?:\.\d{1,9})?)[ \t]*\r
 
 
 _MULTIPART = re.compile(
-    rb"\s*--([^\r\n]{1,70})\r?\n(?:[^\r\n]{1,200}\r?\n){0,8}content-type:[ \t]*image/jpe?g", re.IGNORECASE
+    rb"\s*--([^\r\n]{1,70})\r?\n(?:[^\r\n]{1,200}\r?\n){0,8}content-(?:type:[ \t]*image/jpe?g|length:)", re.IGNORECASE
 )
 
 
 def _delimiter_of(boundary: bytes) -> re.Pattern[bytes]:
     line = rb"-*" + re.escape(boundary.lstrip(b"-")) if boundary else rb"--[^\r\n]{0,70}"
-    return re.compile(rb"\n" + line + rb"(?:--)?[ \t]*\r?\n")
+    return re.compile(rb"(?:\n|\A|(?<=\xff\xd9))" + line + rb"(?:--)?[ \t]*\r?\n")  # some write no line end before it
 
 
 class StreamPart(Struct, frozen=True):
@@ -440,11 +442,22 @@ def open_mjpeg(address: str, open_timeout_s: float, read_timeout_s: float, seen:
         error.close()
         traceback.clear_frames(error.__traceback__)  # they hold the answers to earlier tries, with their sockets
         phrase = http.client.responses.get(error.code, "")  # the error's own words may hold an address
-        raise DeviceOpenError(f"its sender answers {error.code} {phrase}".rstrip()) from error
+        hint = ": check user and password" if error.code == http.client.UNAUTHORIZED else ""
+        raise DeviceOpenError(f"its sender answers {error.code} {phrase}".rstrip() + hint) from error
     except OSError as error:
-        raise DeviceOpenError(f"its sender does not answer ({getattr(error, 'reason', error)})") from error
+        raise DeviceOpenError(_why_unreached(getattr(error, "reason", error), urlsplit(address))) from error
     except (http.client.HTTPException, ValueError, LinkLostError) as error:  # their words may hold a part of a password
         raise DeviceOpenError("its address is not right, or its sender does not answer as a web server") from error
+
+
+def _why_unreached(reason: object, address: SplitResult) -> str:
+    """Say why there is no answer: of TLS, its own reason, and that the port may be the other one."""
+    if isinstance(reason, ssl.SSLCertVerificationError):
+        authority = "add its authority to those of this computer, with update-ca-certificates, or use http"
+        return f"its certificate {not_trusted(reason, address.hostname or '', authority)}"
+    words, other = f"its sender does not answer ({reason})", "http" if address.scheme == "https" else "https"
+    is_other = isinstance(reason, (ssl.SSLError, ConnectionResetError)) or "handshake" in str(reason)
+    return f"{words}; is it {other} in place of {address.scheme}?" if is_other else words
 
 
 def _stream_of(response: http.client.HTTPResponse, read_timeout_s: float, seen: SeenPictures) -> MjpegStream | None:
@@ -452,9 +465,6 @@ def _stream_of(response: http.client.HTTPResponse, read_timeout_s: float, seen: 
     if response.headers.get_content_maintype() == "multipart":
         boundary = str(response.headers.get_param("boundary") or "")
         return MjpegStream(body, boundary, b"", read_timeout_s, seen)
-    if response.headers.get_content_maintype() == "image":
-        response.close()
-        raise DeviceOpenError("it gives one picture, not a stream; look for the camera's address of MJPEG or RTSP")
     # FFmpeg, and what is made with it, sends such streams as bytes of no type; it would also recognise them by this.
     begin = b""
     deadline_s = time.monotonic() + read_timeout_s
@@ -463,6 +473,10 @@ def _stream_of(response: http.client.HTTPResponse, read_timeout_s: float, seen: 
         if found := _MULTIPART.match(begin):
             return MjpegStream(body, found[1].decode("latin-1"), begin, read_timeout_s, seen)
     response.close()
+    is_whole = begin.startswith(b"\xff\xd8") and response.length is not None
+    if is_whole or response.headers.get_content_type().startswith(("image/", "text/html")):
+        what = "a page" if begin.lstrip().startswith(b"<") else "one picture"
+        raise DeviceOpenError(f"it gives {what}, not a stream; look for the camera's address of MJPEG or RTSP")
     return None
 
 

@@ -68,9 +68,10 @@ class VideoFileCamera(RecordedCamera):
         self._subsampling = "4:2:0"  # as nearly every video has it
 
     def _begin(self) -> float:
-        is_row = is_picture(check_file(self._path, "video"))
-        if is_row and self._path.suffix.lower() not in JPEGS_IN_A_ROW:
-            raise PictureError(f"{self._path} is a picture, not a video; the camera for it is 'images'")
+        is_row = self._path.suffix.lower() in JPEGS_IN_A_ROW
+        if is_picture(check_file(self._path, "video")) and not is_row:
+            remedy = "the camera for one is 'images'; several JPEGs behind one another need a name that ends in .mjpeg"
+            raise PictureError(f"{self._path} begins as a picture, not as a video: {remedy}")
         capture = self._opened()
         if capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT) > PICTURE_MAX_PIXELS:
             capture.release()
@@ -155,11 +156,10 @@ class VideoFileCamera(RecordedCamera):
 
     def _end_or_damage(self) -> EndOfFramesError | PictureError:
         self._ended = True
-        if self._read < ENOUGH_OF_THE_FRAMES * self._announced - 1:
-            return PictureError(
-                f"the video {self._path} ends after {self._read} of {self._announced:.0f} frames:"
-                " it is damaged or cut short"
-            )
+        if not self._read or self._read < ENOUGH_OF_THE_FRAMES * self._announced - 1:
+            other = f", or of a kind that OpenCV lacks, as AV1; `ffmpeg -i {self._path.name} NEW.mp4` converts it"
+            ends = f"the video {self._path} ends after {self._read} of {self._announced:.0f} frames"
+            return PictureError(f"{ends}: it is damaged or cut short{'' if self._read else other}")
         return EndOfFramesError(f"the video {self._path} is at its end")
 
     def _end(self) -> None:

@@ -34,6 +34,7 @@ from stadimeter.cli.target_options import (
     takes_options,
     targets_from_options,
 )
+from stadimeter.config.addresses import words_for_people
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_driver
 from stadimeter.config.units import parse_known, parse_length
@@ -309,7 +310,8 @@ def measure(
         if names is None and config is None and len(wanted.choices) == 2:  # of two --target
             names = wanted.choices[0].name, wanted.choices[1].name
         camera_model = _lens(camera, wanted) if rig is None else rig.left
-        name = (live or "").partition(",")[0]  # the configuration or the driver: its options would fill each line
+        # The configuration or the driver: its options would fill each line.
+        name = words_for_people((live or "").partition(",")[0])
         work = _Work(
             measuring=Measuring(
                 build_detectors(wanted.choices, camera_model, wanted.footings), camera_model, wanted.mount

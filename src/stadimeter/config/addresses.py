@@ -8,10 +8,15 @@ every message; a text in which an address may stand, such as an error with the v
 from __future__ import annotations
 
 import re
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from stadimeter.config.files import SECRET_MAX_BYTES, read_untrusted_text
 from stadimeter.errors import DeviceOpenError, UnreadableError
+
+if TYPE_CHECKING:
+    import ssl
 
 # Stands in place of the secret parts of an address.
 LEFT_OUT = "…"
@@ -50,6 +55,24 @@ def address_in(file: Path, example: str) -> str:
     if not lines or "://" not in lines[0]:
         raise DeviceOpenError(f"the first line of {file} is not an address such as '{example}'")
     return lines[0].strip()
+
+
+def not_trusted(error: ssl.SSLCertVerificationError, host: str, of_unknown: str) -> str:
+    """Say why a certificate is not trusted, and the remedy: by far not every one is of an authority that is not known.
+
+    Args:
+        of_unknown: The remedy for one that is.
+    """
+    now = datetime.now(UTC)
+    another_name = f"write as host a name that is in it, in place of '{host}'"
+    remedies = {  # by OpenSSL's X509_V_ERR_…
+        9: f"this computer's clock says {now:%Y-%m-%d %H:%M} UTC: set it, or wait for the time server",  # not yet valid
+        10: f"if it is {now:%Y-%m-%d} today, renew it there, else set this computer's clock",  # has expired
+        **dict.fromkeys((62, 64), another_name),  # host name, address
+        **dict.fromkeys((2, 18, 19, 20, 21), of_unknown),  # no issuer is known, or it signs itself
+    }
+    remedy = remedies.get(error.verify_code, "another certificate is needed there")
+    return f"is not trusted: {error.verify_message.rstrip('.')}; {remedy}"
 
 
 def check_page_address(text: object) -> str:

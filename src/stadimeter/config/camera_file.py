@@ -18,7 +18,7 @@ from msgspec import to_builtins
 from msgspec.structs import replace
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from stadimeter.config.files import CAMERA_FILE_MAX_BYTES, read_untrusted_text, write_atomically
+from stadimeter.config.files import CAMERA_FILE_MAX_BYTES, read_untrusted, write_atomically
 from stadimeter.config.findings import Finding, findings_of, problems
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import Texts, as_toml, read_toml
@@ -57,9 +57,6 @@ _PNG_HEADER_BYTES = 33
 _OPTICS = b"stadimeter-optics\0"
 _OPTICS_CHUNK = re.compile(rb"(.{4})tEXt" + _OPTICS + rb"(\{[ -~]{1,1000}\})", re.DOTALL)
 
-# Files of other programs that calibrate have one of these.
-FOREIGN_SUFFIXES = {".yml", ".yaml", ".json", ".xml"}
-
 # The hint where there is no camera file.
 HOW_TO_MAKE_ONE = "make it with `stadimeter calibrate distance PICTURE@DISTANCE -o FILE`"
 
@@ -76,9 +73,7 @@ CentrePixels = Annotated[float, Field(strict=True)]
 Coefficient = Annotated[float, Field(strict=True)]
 SigmaOfParameter = Annotated[float, Field(ge=0, strict=True)]
 Correlation = Annotated[float, Field(ge=-1, le=1, strict=True)]
-
-
-_LensSetting = Literal["focal_length_mm", "equivalent_mm", "digital_zoom"]
+LensSetting = Annotated[float, Field(gt=0)] | str
 
 
 class OpticsTable(BaseModel):
@@ -143,7 +138,7 @@ class CameraModelTable(BaseModel):
     """When, as an ISO 8601 date."""
     notes: tuple[str, ...] = ()
     """The figures that it came from, one a line."""
-    taken_with: dict[_LensSetting, Annotated[float, Field(gt=0)]] = {}
+    taken_with: dict[Literal["focal_length_mm", "equivalent_mm", "digital_zoom", "lens"], LensSetting] = {}
     """How the lens was set, as the pictures' EXIF data state it; other pictures are compared with it."""
     medium: Medium = "air"
     """What the camera looks into through a flat window: ``"water"`` or ``"sea water"``, if it was calibrated in air."""
@@ -188,7 +183,7 @@ def load_camera_model(path: Path, texts: Texts | None = None) -> CameraModel:
     Raises:
         ConfigError: It lists everything that is wrong, each with its line where that is known.
     """
-    if path.suffix.lower() in FOREIGN_SUFFIXES and (foreign := _foreign_table(path, texts)) is not None:
+    if (foreign := _foreign_table(path, texts)) is not None:
         return _model(foreign, str(path), {})
     source = read_toml(path, CAMERA_FILE_MAX_BYTES, missing_hint=HOW_TO_MAKE_ONE, texts=texts)
     return _model({"edge_bias_sigma_px": UNKNOWN_EDGE_BIAS_SIGMA_PX, **source.table}, str(path), source.spans)
@@ -196,11 +191,11 @@ def load_camera_model(path: Path, texts: Texts | None = None) -> CameraModel:
 
 def _foreign_table(path: Path, texts: Texts | None) -> dict[str, Any] | None:
     """Return the camera file that says the same as a calibration file of another program; None if it is none."""
-    from stadimeter.config import other_calibrations  # noqa: PLC0415 - few have such files
+    from stadimeter.config import other_calibrations  # noqa: PLC0415 - most only read camera files of their own
 
     try:
-        text = (texts or {}).get(path) or read_untrusted_text(path, CAMERA_FILE_MAX_BYTES)
-        return other_calibrations.camera_table(text) if other_calibrations.looks_foreign(text) else None
+        text = (texts or {}).get(path) or read_untrusted(path, CAMERA_FILE_MAX_BYTES).decode("latin-1")
+        return other_calibrations.camera_table(text)
     except UnreadableError:
         return None  # said where it is read as TOML
     except ValueError as error:

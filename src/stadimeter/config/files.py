@@ -142,47 +142,59 @@ def _reason(error: OSError | ValueError) -> str:
 # The kinds of pictures that are read.
 KINDS = "JPEG, PNG, BMP, TIFF, WebP, PBM, PGM or PPM"
 
-# So much of a file is needed to know its kind.
-HEAD_BYTES = 12
+# So much of a file is needed to know its kind: of a TIFF, the first directory.
+HEAD_BYTES = 1024
 
 _JPEG_START = b"\xff\xd8"
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 # libjpeg's warning about the filling that some USB cameras put before the end marker: all pixels are there.
 JPEG_FILLED = re.compile(r"[1-8] extraneous bytes before marker 0xd9")
 
+# A JPEG right behind another. In a picture it is a preview or a map, which one of these marks announces.
+_NEXT_JPEG, _ANNOUNCED = b"\xff\xd9\xff\xd8\xff", re.compile(rb"MPF\0|Container:Directory")
+
+# Numbers of a picture from 0 to 1 may have lights above 1; one from 0 to 255 without a larger number is black.
+_SHARE_MAX = 8.0
+
 # The last chunk of a PNG, with the CRC of nothing (Portable Network Graphics specification, 11.2.5).
 _PNG_END = b"IEND\xaeB`\x82"
 
-_TIFF_STARTS = (b"II*\0", b"MM\0*")
-_STARTS = (_JPEG_START, _PNG_START, b"BM", *_TIFF_STARTS, b"RIFF", *(b"P%d" % kind for kind in range(1, 7)))
+_PICTURE = re.compile(rb"\xff\xd8|\x89PNG\r\n\x1a\n|BM|II\*\0|MM\0\*|RIFF....WEBP|P[1-6]", re.DOTALL)
 
 
 def is_picture(head: bytes) -> bool:
     """Check whether a file begins as a picture does that can be read here."""
-    return head.startswith(_STARTS) and (not head.startswith(b"RIFF") or head[8:12] == b"WEBP")
+    return bool(_PICTURE.match(head))
 
 
-# Matroska and WebM, Flash, Ogg, Windows Media, MPEG, and H.264 without a container.
-_VIDEO_STARTS = (b"\x1aE\xdf\xa3", b"FLV", b"OggS", b"0&\xb2u", b"\0\0\x01\xba", b"\0\0\x01\xb3", b"\0\0\0\x01")
-_PICTURE_BRANDS = (b"heic", b"heix", b"mif1", b"msf1", b"avif")
+# Matroska and WebM, Flash, Ogg, Windows Media, MPEG, video without compression, and H.264 without a container.
+_VIDEO = re.compile(rb"\x1aE\xdf\xa3|FLV|OggS|0&\xb2u|\0\0\x01[\xba\xb3]|YUV4MPEG2|\0\0\0\x01|RIFF....AVI ", re.DOTALL)
+# HEIC and AVIF, also of several pictures, and raw files of Canon.
+_PICTURE_BRANDS = (b"hei", b"hev", b"mif", b"msf", b"avi", b"crx")
+# Raw files of cameras: some are TIFFs that state a version of DNG, or begin with a small preview (NewSubfileType 1).
+_RAW = re.compile(
+    rb"....ftypcrx |II\*\0\x10\0\0\0CR|FUJIFILMCCD-RAW|IIRO|IIU\0"
+    rb"|II\*\0.*\x12\xc6\x01\0\x04\0|MM\0\*.*\xc6\x12\0\x01\0\0\0\x04"
+    rb"|II\*\0\x08\0\0\0..\xfe\0\x04\0\x01\0\0\0\x01|MM\0\*\0\0\0\x08..\0\xfe\0\x04\0\0\0\x01\0\0\0\x01",
+    re.DOTALL,
+)
 
 
 def other_kind(head: bytes) -> str:
     """Return the remedy for a picture of a kind that is not read, by its first bytes; empty for what is none."""
-    if head[4:8] == b"ftyp" and head[8:12] in _PICTURE_BRANDS:
-        kind = "AVIF" if head[8:12] == b"avif" else "HEIC, as iPhones write it"
-        return f"it is {kind}: convert it to JPEG, or set the telephone to write JPEG (on an iPhone: Most Compatible)"
-    if head.startswith((b"II*\0\x10\0\0\0CR", b"FUJIFILMCCD-RAW", b"IIRO", b"IIU\0")) or head[4:12] == b"ftypcrx ":
+    if _RAW.match(head):
         return "it is a raw file of a camera: convert it to JPEG or 16-bit TIFF"
-    if head.startswith((b"GIF8", b"%PDF", b"<svg")):
-        return "convert it to PNG"
-    return ""
+    if head[4:8] == b"ftyp" and head[8:12].startswith(_PICTURE_BRANDS):
+        kind = "AVIF" if head[8:11] == b"avi" else "HEIC, as iPhones write it"
+        return f"it is {kind}: convert it to JPEG, or set the telephone to write JPEG (on an iPhone: Most Compatible)"
+    kinds = {b"GIF8": "GIF", b"%PDF": "PDF", b"<svg": "SVG", b"\xff\n": "JPEG XL", b"\0\0\0\x0cJXL": "JPEG XL"}
+    return next((f"it is {name}: convert it to PNG" for begin, name in kinds.items() if head.startswith(begin)), "")
 
 
 def is_video(head: bytes) -> bool:
     """Check whether a file begins as a video does. Some telephones store pictures in the container of MP4."""
-    is_mp4 = head[4:8] == b"ftyp" and head[8:12] not in _PICTURE_BRANDS
-    return is_mp4 or head.startswith(_VIDEO_STARTS) or (head.startswith(b"RIFF") and head[8:12] == b"AVI ")
+    is_mp4 = head[4:8] == b"ftyp" and not head[8:12].startswith(_PICTURE_BRANDS)
+    return is_mp4 or bool(_VIDEO.match(head))
 
 
 def holds_video(path: Path) -> bool:
@@ -205,7 +217,7 @@ def decode_picture(data: bytes) -> NDArray[np.uint8]:
 
     _refuse_damaged(data)
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     except cv2.error as error:
         if "CV_IO_MAX_IMAGE" in error.err:
             most = f"{PICTURE_MAX_PIXELS / 1e6:.0f} megapixels, the most that is read"
@@ -213,7 +225,8 @@ def decode_picture(data: bytes) -> NDArray[np.uint8]:
         raise PictureError(f"cannot be decoded: {error.err}") from error
     if image is None:
         raise PictureError("is damaged and cannot be decoded; copy it again")
-    return np.asarray(image if image.dtype == np.uint8 else _in_8_bits(image), np.uint8)
+    levels = image if image.dtype == np.uint8 else _in_8_bits(image)
+    return np.asarray(levels if levels.ndim > 2 else cv2.cvtColor(levels, cv2.COLOR_GRAY2BGR), np.uint8)
 
 
 def _in_8_bits(image: NDArray[Any]) -> NDArray[np.uint8]:
@@ -230,7 +243,7 @@ def _in_8_bits(image: NDArray[Any]) -> NDArray[np.uint8]:
         raise PictureError(
             "holds numbers that are no levels of light from 0 to 1 or 0 to 255; save it with 8 or 16 bits"
         )
-    return (image * (255.0 if most <= 1.0 else 1.0)).round().astype("uint8")
+    return (image * (255.0 if most < _SHARE_MAX else 1.0)).clip(0.0, 255.0).round().astype("uint8")
 
 
 def _refuse_damaged(data: bytes) -> None:
@@ -243,6 +256,8 @@ def _refuse_damaged(data: bytes) -> None:
         raise PictureError("is cut short: its end is missing; copy it again")
     if not data.startswith(_JPEG_START):
         return
+    if _NEXT_JPEG in data and not _ANNOUNCED.search(data):
+        raise PictureError("is several JPEGs behind one another, as in a video: give it a name that ends in .mjpeg")
     import simplejpeg  # noqa: PLC0415 - most commands read no JPEG
 
     try:

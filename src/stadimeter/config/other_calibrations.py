@@ -14,75 +14,88 @@ from typing import Any
 # Coefficients of OpenCV's that the camera file has no place for: k4 to k6, thin prism, tilt. Zeros change nothing.
 LENS_COEFFICIENTS = 5
 
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_NUMBER = r"(?:[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|\.?nan|[-+]?\.?inf\w*)"
+# A list in brackets, also of rows, or with a dash before each number, as YAML may have it.
+_NUMBERS = rf"[\s\[]*(?:-\s+)*({_NUMBER}(?:(?:[\s,\[\]]|-\s)+{_NUMBER})*)"
+_MATRIX = r"camera_?matrix\d?|cameraIntrinsics|intrinsics|mtx|K"
+_ANY = r"camera.?matrix|distortion_|\bfx\b|\A\W*(?:%YAML|<\?xml|\{)"
+_DISTORTION = "dist[a-z_]*|cameraExtrinsics|D"  # the second is PhotonVision's old name of it
 # Only behind the names of models: "omni" is also in the name of a maker of sensors.
-_MODEL = re.compile(r"(?:camera|distortion|lens)_?model\W+([\w-]+)", re.IGNORECASE)
-_OTHER_LENS = re.compile(r"equi|fisheye|kannala|omni|eucm|ds$", re.IGNORECASE)
+_OTHER_LENS = re.compile(
+    r'(?:(?:camera|distortion|lens)_?model|model_type|"type)\W+(\w*(?:equi|fisheye|kannala|omni|eucm|fov|mei)\w*|ds\b)'
+    r"|(fisheye)(?:_model)?\W{1,4}(?:1|true)\b",
+    re.IGNORECASE,
+)
+# Such a file states no uncertainty: this is what a board of 20 pictures leaves, and edges of an unknown camera.
+_UNKNOWN = {"focal_relative_sigma": 0.003, "edge_bias_sigma_px": 0.1, "method": "a calibration file of another program"}
+_WRITE = "write its numbers into a camera file: width_px, height_px, fx_px, fy_px, cx_px, cy_px and distortion"
+# Files that are named as what they are.
+_UNREAD = {
+    r'"algorithms"\s*:': "a tuning of libcamera, which knows no focal length",
+    r"CAMERA_ID, MODEL|\A\d+ [A-Z_]+ \d+ \d+ [\d.]+ ": f"a list of COLMAP; of a PINHOLE or OPENCV camera {_WRITE}",
+    r"\A\x93NUMPY|\APK\x03\x04": f"a file of NumPy; {_WRITE}",
+    r"\AMATLAB ": f"a file of MATLAB; {_WRITE}",
+}
 
 
-def looks_foreign(text: str) -> bool:
-    """Check whether a text is a calibration file of another program, going by the names of its entries."""
-    return bool(
-        re.search(r"camera_?matrix|cameraIntrinsics|distortion_(?:coeffs|coefficients|model)", text, re.IGNORECASE)
-    )
-
-
-def camera_table(text: str) -> dict[str, Any]:
-    """Return the table of a camera file that says the same as another program's file.
+def camera_table(text: str) -> dict[str, Any] | None:
+    """Return the table of a camera file that says the same as another program's file; None for a file of none.
 
     Raises:
         ValueError: It is of another lens, or lacks something; the message says what.
     """
-    if len(re.findall(r"^\s*cam\d+:", text, re.MULTILINE)) > 1:
-        raise ValueError("it holds several cameras; keep the lines of one")
-    if found := next(filter(_OTHER_LENS.match, _MODEL.findall(text)), ""):
-        raise ValueError(f"its lens is a fisheye ('{found}'), which stadimeter has no model for")
-    intrinsics = _numbers(text, "camera_?matrix|cameraIntrinsics|intrinsics")
-    if len(intrinsics) == 9:
-        fx_px, cx_px, fy_px, cy_px = (intrinsics[at] for at in (0, 2, 4, 5))
-    elif len(intrinsics) == 4:
-        fx_px, fy_px, cx_px, cy_px = intrinsics
-    else:
-        raise ValueError("it has no camera matrix of 3 x 3 numbers")
-    width_px, height_px = _size(text)
-    coefficients = _numbers(text, "distortion_coefficients|distortion_coeffs|dist_coeffs|distCoeffs")
+    if re.search(r"^\s*fx_px\s*=", text, re.MULTILINE):
+        return None
+    _refuse_others(text)
+    if not re.search(rf"{_key(_MATRIX)}|{_ANY}", text, re.IGNORECASE):
+        return None
+    intrinsics = _numbers(text, _MATRIX)
+    places = {9: (0, 4, 2, 5), 4: (0, 1, 2, 3)}.get(len(intrinsics))
+    if places is None:
+        raise ValueError(f"it has no camera matrix of 3 x 3 numbers; {_WRITE}")
+    lens = [intrinsics[at] for at in places]
+    size_px = _size(text)
+    if not all(0.25 < centre / side < 0.75 for centre, side in zip(lens[2:], size_px, strict=True)):
+        where = f"{lens[2]:g}, {lens[3]:g} px, far from the middle of {size_px[0]} x {size_px[1]} px"
+        raise ValueError(f"its optical centre is at {where}: is that the size of its pictures?")
+    coefficients = _numbers(text, _DISTORTION)
     if any(coefficients[LENS_COEFFICIENTS:]):
-        raise ValueError(
-            f"its lens has {len(coefficients)} coefficients (rational model), and a camera file k1, k2, p1, p2 and k3: "
-            "calibrate with 5 of them"
-        )
-    return {
-        "width_px": width_px,
-        "height_px": height_px,
-        "fx_px": fx_px,
-        "fy_px": fy_px,
-        "cx_px": cx_px,
-        "cy_px": cy_px,
-        "distortion": coefficients[:LENS_COEFFICIENTS],
-        # Such a file states no uncertainty: this is what a board of 20 pictures leaves, and edges of an unknown camera.
-        "focal_relative_sigma": 0.003,
-        "edge_bias_sigma_px": 0.1,
-        "method": "a calibration file of another program",
-    }
+        count = f"{len(coefficients)} coefficients (rational model)"
+        raise ValueError(f"its lens has {count}, and a camera file k1, k2, p1, p2 and k3: calibrate with 5 of them")
+    keys = ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px")
+    return dict(zip(keys, (*size_px, *lens), strict=True)) | {"distortion": coefficients[:LENS_COEFFICIENTS]} | _UNKNOWN
+
+
+def _refuse_others(text: str) -> None:
+    for pattern, what in _UNREAD.items():
+        if re.search(pattern, text):
+            raise ValueError(f"it is {what}")
+    if len(re.findall(_key(_MATRIX), text, re.IGNORECASE)) > 1:
+        raise ValueError("it holds several cameras or resolutions; keep the lines of one")
+    if found := _OTHER_LENS.search(text):
+        raise ValueError(f"its lens is a fisheye ('{found[1] or found[2]}'), which stadimeter has no model for")
+    if re.search(r"\b[xy]_offset\W+[1-9]", text):
+        raise ValueError("it is for a part of the picture (roi), and a camera file for the whole")
+
+
+def _key(names: str) -> str:
+    return rf'(?<![\w/])(?:{names})\b"?(?:\s*[:>]|\s+type_id)'
 
 
 def _numbers(text: str, names: str) -> list[float]:
     """Return the list of numbers behind a name, or behind the word ``data`` within its entry."""
-    number_list = rf"[\[>]\s*({_NUMBER}(?:[\s,]+{_NUMBER})*)\s*,?\s*[\]<]"
-    inline = re.search(rf"(?:{names})\"?>?\s*:?\s*{number_list}", text, re.IGNORECASE)
-    found = inline or re.search(
-        rf"(?:{names})\b.{{0,200}}?\bdata\"?>?\s*:?\s*{number_list}", text, re.IGNORECASE | re.DOTALL
-    )
-    return [float(number) for number in re.findall(_NUMBER, found[1])] if found else []
+    for between in ("", r'.{0,200}?\bdata"?\s*[:>]'):
+        if found := re.search(_key(names) + between + _NUMBERS, text, re.IGNORECASE | re.DOTALL):
+            each = re.findall(_NUMBER, found[1], re.IGNORECASE)
+            return [float(re.sub(r"\.(?=[ni])", "", number.lower())) for number in each]
+    return []
 
 
 def _size(text: str) -> Sequence[int]:
-    both = _numbers(text, "resolution|image_size|img_size")
+    both = _numbers(text, "resolution|image_?size|img_size|DIM")
     if len(both) != 2:
-        each = (
-            re.search(rf"(?:image_?|\b){side}\"?>?\s*:?\s*(\d+)", text, re.IGNORECASE) for side in ("width", "height")
-        )
-        both = [float(found[1]) for found in each if found]
-    if len(both) != 2:
+        sides = (rf'(?:image_?|\b){side}"?>?\s*:?\s*(\d+)' for side in ("width", "height"))
+        both = [float(found[1]) for side in sides if (found := re.search(side, text, re.IGNORECASE))]
+    if len(both) != 2 or not all(both):
         raise ValueError("it does not say how wide and high its pictures are; add image_width and image_height")
     return [round(side) for side in both]

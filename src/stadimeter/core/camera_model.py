@@ -384,7 +384,7 @@ class Provenance(Struct, frozen=True, kw_only=True):
     method: str = ""
     date: str = ""
     notes: tuple[str, ...] = ()
-    taken_with: tuple[tuple[str, float], ...] = ()
+    taken_with: tuple[tuple[str, float | str], ...] = ()
 
 
 class CameraModel(Struct, frozen=True, kw_only=True):

@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -23,6 +22,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 from pydantic import AfterValidator, Field, model_validator
 
+from stadimeter.config.addresses import not_trusted
 from stadimeter.config.files import CERTIFICATES_MAX_BYTES, SECRET_MAX_BYTES, read_untrusted, read_untrusted_text
 from stadimeter.config.plugins import DriverOptions
 from stadimeter.config.units import FilePath
@@ -497,27 +497,12 @@ def describe_connect_error(options: MqttSettings, error: OSError) -> str:
     """Say why there is no connection at all, in one line."""
     place = options.place
     if isinstance(error, ssl.SSLCertVerificationError):
-        return (
-            f"the certificate of {place} is not trusted: {error.verify_message}; {_certificate_remedy(error, options)}"
-        )
+        return f"the certificate of {place} {not_trusted(error, options.host, 'name its authority in ca_file')}"
     if isinstance(error, socket.gaierror):
         return f"no address is known for the host '{options.host}' ({error.strerror})"
     if isinstance(error, ConnectionRefusedError):
         return f"{place} refused the connection (is a broker running there?)"
     return f"{place} {_trouble(error)}" + (" (is this its port for TLS?)" if options.tls else "")
-
-
-def _certificate_remedy(error: ssl.SSLCertVerificationError, options: MqttSettings) -> str:
-    """Return the remedy: by far not every certificate that is refused is of an authority that is not known."""
-    now = datetime.now(UTC)
-    match error.verify_code:  # OpenSSL's X509_V_ERR_…
-        case 9:  # …CERT_NOT_YET_VALID
-            return f"this computer's clock says {now:%Y-%m-%d %H:%M} UTC: set it, or wait for the time server"
-        case 10:  # …CERT_HAS_EXPIRED
-            return f"if it is {now:%Y-%m-%d} today, renew it at the broker, else set this computer's clock"
-        case 62 | 64:  # …HOSTNAME_MISMATCH, …IP_ADDRESS_MISMATCH
-            return f"write as host a name that is in it, in place of '{options.host}'"
-    return "name its authority in ca_file"
 
 
 def _trouble(error: OSError) -> str:

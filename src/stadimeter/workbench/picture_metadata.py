@@ -7,8 +7,10 @@ is less, so that a range of colours from other pictures may miss the target; and
 from __future__ import annotations
 
 import math
+import re
 import struct
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import combinations
 from pathlib import Path
 
 import cv2
@@ -61,16 +63,22 @@ def _head(path: Path) -> bytes:
 # Settings that differ by no more than this share count as the same: cameras round them.
 SAME_ZOOM = 0.005
 
-# Tags of EXIF data: what each says of the lens, and its unit.
-_FOCAL_LENGTH, _FOCAL_LENGTH_35MM, _DIGITAL_ZOOM = 0x920A, 0xA405, 0xA404
-_ZOOM = {_FOCAL_LENGTH: "focal_length_mm", _FOCAL_LENGTH_35MM: "equivalent_mm", _DIGITAL_ZOOM: "digital_zoom"}
-_WORDS = {
-    "focal_length_mm": ("focal length", " mm"),
-    "equivalent_mm": ("35 mm equivalent", " mm"),
-    "digital_zoom": ("digital zoom", ""),
+# Tags of EXIF data: what each says of the lens, in a camera file and in words.
+_DIGITAL_ZOOM = 0xA404
+_SETTINGS = {
+    0x920A: ("focal_length_mm", "focal length", " mm"),
+    0xA405: ("equivalent_mm", "35 mm equivalent", " mm"),
+    _DIGITAL_ZOOM: ("digital_zoom", "digital zoom", ""),
+    0xA434: ("lens", "the lens", ""),
 }
 _EXIF_DIRECTORY = 0x8769
-_SHORT, _LONG, _RATIONAL = 3, 4, 5
+_TEXT, _SHORT, _LONG, _RATIONAL = 2, 3, 4, 5
+_TEXT_MAX = 100
+
+# The beginning of EXIF data in JPEG, PNG, WebP and TIFF.
+_EXIF = re.compile(rb"(?:Exif\0\0|eXIf|EXIF....|\A)(?=II\*\0|MM\0\*)", re.DOTALL)
+
+Settings = dict[str, float | str]
 
 
 def check_lens_settings(paths: Sequence[Path]) -> None:
@@ -80,14 +88,23 @@ def check_lens_settings(paths: Sequence[Path]) -> None:
         CalibrationError: Pictures have different zoom or lenses, so no one focal length fits them all.
     """
     settings = [(path, read_lens_settings(path)) for path in paths]
-    for key, (name, unit) in _WORDS.items():
-        known = [(path, values[key]) for path, values in settings if key in values]
-        for path, value in known[1:]:
-            if abs(value / known[0][1] - 1) > SAME_ZOOM:
-                raise CalibrationError(
-                    f"{known[0][0]} was taken with {name} {known[0][1]:g}{unit}, {path} with {value:g}{unit}: "
-                    "another zoom or lens is another camera; calibrate from pictures of one"
-                )
+    for (before, one), (path, other) in combinations(settings, 2):
+        if found := _difference(one, other):
+            raise CalibrationError(
+                f"{before} was taken with {found[0]} {found[1]}, {path} with {found[2]}: "
+                "another zoom or lens is another camera; calibrate from pictures of one"
+            )
+
+
+def _difference(one: Settings, other: Settings) -> tuple[str, str, str] | None:
+    """Return the name of a setting that differs, and both values; None if none does that both state."""
+    for key, name, unit in _SETTINGS.values():
+        match one.get(key), other.get(key):
+            case (float(a), float(b)) if abs(b / a - 1) > SAME_ZOOM:
+                return name, f"{a:g}{unit}", f"{b:g}{unit}"
+            case (str(a), str(b)) if a != b:
+                return name, a, b
+    return None
 
 
 def with_lens_settings(model: CameraModel, paths: Sequence[Path]) -> CameraModel:
@@ -100,19 +117,17 @@ def other_lens_notes(model: CameraModel, paths: Iterable[Path]) -> Iterator[str]
     """Yield a note for each picture that was taken with another zoom or lens than a camera model's pictures."""
     kept = dict(model.provenance.taken_with)
     for path in paths if kept else ():
-        now = read_lens_settings(path)
-        for key, (name, unit) in _WORDS.items():
-            if key in now and key in kept and abs(now[key] / kept[key] - 1) > SAME_ZOOM:
-                yield (
-                    f"{path} was taken with {name} {now[key]:g}{unit}, the pictures of the camera file with "
-                    f"{kept[key]:g}{unit}: its distances are wrong by about as much; calibrate this lens too"
-                )
-                break
+        if found := _difference({"digital_zoom": 1.0, **kept}, read_lens_settings(path)):
+            yield (
+                f"{path} was taken with {found[0]} {found[2]}, the pictures of the camera file with "
+                f"{found[1]}: its distances are wrong by about as much; calibrate this lens too"
+            )
 
 
-def read_lens_settings(path: Path) -> dict[str, float]:
-    """Read how a picture says that its zoom was set; nothing without good EXIF data."""
-    _, _, tiff = _head(path).partition(b"Exif\0\0")
+def read_lens_settings(path: Path) -> Settings:
+    """Read how a picture says that its zoom was set, not used if it does not say so; nothing without good EXIF data."""
+    head = _head(path)
+    tiff = head[found.end() :] if (found := _EXIF.search(head)) else b""
     order = ">" if tiff.startswith(b"MM") else "<"
     try:
         (first,) = struct.unpack_from(f"{order}L", tiff, 4)
@@ -120,24 +135,24 @@ def read_lens_settings(path: Path) -> dict[str, float]:
         values = dict(_entries(tiff, int(settings_at), order)) if settings_at else {}
     except struct.error:
         return {}
-    if values.get(_DIGITAL_ZOOM) == 0:  # which stands for: it was not used
-        values[_DIGITAL_ZOOM] = 1.0
-    return {key: values[tag] for tag, key in _ZOOM.items() if values.get(tag)}
+    known = {key: values[tag] for tag, (key, *_) in _SETTINGS.items() if values.get(tag)}
+    return {"digital_zoom": 1.0, **known} if known or _DIGITAL_ZOOM in values else {}  # its 0 says the same
 
 
-def _entries(tiff: bytes, at: int, order: str) -> Iterator[tuple[int, float]]:
-    """Yield tag and value of those entries of a directory that are one plain number."""
+def _entries(tiff: bytes, at: int, order: str) -> Iterator[tuple[int, float | str]]:
+    """Yield tag and value of those entries of a directory that are one plain number, or a short text."""
     (count,) = struct.unpack_from(f"{order}H", tiff, at)
     for index in range(count):
         entry = at + 2 + 12 * index
-        tag, kind, values = struct.unpack_from(f"{order}HHL", tiff, entry)
+        tag, kind, values, offset = struct.unpack_from(f"{order}HHLL", tiff, entry)
         if values == 1 and kind in {_SHORT, _LONG}:
             yield tag, float(struct.unpack_from(f"{order}{'H' if kind == _SHORT else 'L'}", tiff, entry + 8)[0])
         elif values == 1 and kind == _RATIONAL:
-            (offset,) = struct.unpack_from(f"{order}L", tiff, entry + 8)
             above, below = struct.unpack_from(f"{order}LL", tiff, offset)
             if below and above != 0xFFFFFFFF:  # that numerator stands for infinity
                 yield tag, above / below
+        elif kind == _TEXT and 4 < values <= _TEXT_MAX:
+            yield tag, tiff[offset : offset + values].decode("ascii", "replace").strip("\0 ")
 
 
 # Faults of a picture, found before anything is looked for in it: black, dark, clipped, blurred ------------------------
