@@ -44,7 +44,7 @@ def camera_table(text: str) -> dict[str, Any] | None:
     Raises:
         ValueError: It is of another lens, or lacks something; the message says what.
     """
-    if re.search(r"^\s*fx_px\s*=", text, re.MULTILINE):
+    if re.search(r"_px\s*=", text):
         return None
     _refuse_others(text)
     if not re.search(rf"{_key(_MATRIX)}|{_ANY}", text, re.IGNORECASE):
