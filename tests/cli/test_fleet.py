@@ -240,7 +240,7 @@ def test_a_real_run_is_seen_with_its_alarm_which_is_acknowledged_and_its_death(
     broker: MosquittoBroker, tmp_path: Path
 ) -> None:
     with running(tmp_path, broker.port) as run:
-        # A frame that a busy machine takes too late has no distance: the next one has.
+        # An alarm is published before the state of its target, which has no distance while it is searched.
         record = settled(broker.port, lambda each: each["alarms"] and measured(each))
         (device,), (alarm,) = record["devices"], record["alarms"]
         assert (device["device"], alarm["rule"], alarm["severity"]) == ("garage", "near", "alarm")

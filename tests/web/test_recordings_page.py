@@ -17,6 +17,8 @@ from support.timeline_day import keep_day
 # Recordings in a real browser: made, replayed by the keyboard, downloaded, deleted; and one that is damaged.
 
 SHOWN_S = "Number(document.querySelector('input[type=range]').value)"
+ACTIVE = """fetch("/api/v1/status").then((answer) => answer.json())
+    .then(({ rules }) => rules?.some(({ status }) => status === "active"))"""
 SHOWN_PICTURE = "document.querySelector('.replay img').naturalWidth"
 
 
@@ -28,11 +30,13 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 
 @pytest.fixture(scope="module")
 def recording(browser: Any, room: Served) -> Path:
-    """Make a recording of three seconds or more by the page; return its file."""
+    """Make a recording of three seconds or more by the page, in which a rule is active; return its file."""
     with tab(browser) as page:
         page.goto(f"{room.url}/#recordings")
         page.get_by_role("button", name="Record", exact=True).click()
         page.get_by_text(re.compile("Recording: [3-9]")).wait_for()
+        until(page, ACTIVE)  # between being near and far away, the ball is in neither rule for six seconds
+        page.wait_for_timeout(1000)
         page.get_by_role("button", name="Stop recording").click()
         page.get_by_role("button", name="Replay").wait_for()
         page.get_by_role("link", name="Download").wait_for()
