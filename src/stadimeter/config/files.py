@@ -150,9 +150,6 @@ _PNG_START = b"\x89PNG\r\n\x1a\n"
 # libjpeg's warning about the filling that some USB cameras put before the end marker: all pixels are there.
 JPEG_FILLED = re.compile(r"[1-8] extraneous bytes before marker 0xd9")
 
-# A JPEG right behind another. In a picture it is a preview or a map, which one of these marks announces.
-_NEXT_JPEG, _ANNOUNCED = b"\xff\xd9\xff\xd8\xff", re.compile(rb"MPF\0|Container:Directory")
-
 # Numbers of a picture from 0 to 1 may have lights above 1; one from 0 to 255 without a larger number is black.
 _SHARE_MAX = 8.0
 
@@ -256,8 +253,6 @@ def _refuse_damaged(data: bytes) -> None:
         raise PictureError("is cut short: its end is missing; copy it again")
     if not data.startswith(_JPEG_START):
         return
-    if _NEXT_JPEG in data and not _ANNOUNCED.search(data):
-        raise PictureError("is several JPEGs behind one another, as in a video: give it a name that ends in .mjpeg")
     import simplejpeg  # noqa: PLC0415 - most commands read no JPEG
 
     try:

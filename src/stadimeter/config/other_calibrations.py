@@ -94,7 +94,7 @@ def _numbers(text: str, names: str) -> list[float]:
 def _size(text: str) -> Sequence[int]:
     both = _numbers(text, "resolution|image_?size|img_size|DIM")
     if len(both) != 2:
-        sides = (rf'(?:image_?|\b){side}"?>?\s*:?\s*(\d+)' for side in ("width", "height"))
+        sides = (rf'(?:image_?|\b){side}[\s">:]*(\d+)' for side in ("width", "height"))
         both = [float(found[1]) for side in sides if (found := re.search(side, text, re.IGNORECASE))]
     if len(both) != 2 or not all(both):
         raise ValueError("it does not say how wide and high its pictures are; add image_width and image_height")
