@@ -51,7 +51,7 @@ def calibrated(choice: DriverChoice, image: Image, depth_m: float) -> DistanceFi
     frame = Frame(image, 0.0, 0)
     (target,) = build_detectors([choice], None)
     known = look_at_distance("picture", frame, depth_m, target)
-    fit = partial(fit_distances, date="", distance_relative_sigma=0.01)
+    fit = partial(fit_distances, distance_relative_sigma=0.01)
     return fit([known], lambda _: frame, [choice]) if known.detection.status is FOUND else None
 
 
