@@ -375,6 +375,10 @@ LOGINS: dict[str, tuple[str, Callable[[str], bool]]] = {
     "sha-512-256": (f"{DIGEST}SHA-512-256", digest("SHA-512-256", partial(hashlib.new, "sha512_256"))),
     "auth-int alone": ('Digest realm="cam", nonce="n0nce", qop="auth-int"', digest("MD5", hashlib.md5)),
     "a session without qop": ('Digest realm="cam", nonce="n0nce", algorithm=MD5-sess', digest("MD5-sess", hashlib.md5)),
+    "a list of qop without quotes": (
+        'Digest realm="cam", qop=auth, auth-int, nonce="n0nce"',
+        digest("MD5", hashlib.md5),
+    ),
     "an empty qop": ('Digest realm="cam", nonce="n0nce", qop=""', digest("MD5", hashlib.md5)),
     "quotes and commas in the realm": (
         r'Digest realm="My \"best\" one, Basic", nonce="n0nce"',

@@ -155,6 +155,9 @@ def test_jpegs_behind_one_another_are_a_video_and_no_picture(tmp_path: Path) -> 
     camera = VideoFileCamera(tmp_path / "v.mjpeg", None, ManualClock())
     assert [round(float(frame.image.mean()), -1) for frame in frames_to_end(camera)] == [0, 20, 40, 60]
     assert "is a guess" in camera.remarks[0]
+    timed = VideoFileCamera(write_ramp(tmp_path / "ramp.avi").rename(tmp_path / "v.mjpg"), None, ManualClock())
+    assert len(list(frames_to_end(timed))) == 20
+    assert timed.remarks == ()
 
 
 @needs("ffmpeg")

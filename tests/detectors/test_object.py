@@ -128,6 +128,9 @@ def test_a_face_in_profile_is_no_further_away_and_less_sure(networks: dict[str, 
     assert turned.sigma_m / turned.distance_m > 0.12 > known.sigma_m / known.distance_m
     assert "looks aside: measured by the height of its box" in through.detect(profile).reason
     assert through.detect(front).reason == ""
+    cut = Frame(picture(), 2.0, 2)
+    put_figure(cut.image, bright_figure(120, 40), 150, -30)  # the eyes are in the picture, and the forehead is not
+    assert through.detect(cut).status is DetectionStatus.TRUNCATED
 
 
 def test_the_distance_of_a_person_follows_from_its_height_and_the_spread_is_in_its_sigma(

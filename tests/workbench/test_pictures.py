@@ -109,6 +109,10 @@ def test_the_settings_are_read_in_either_byte_order(tmp_path: Path, order: str) 
 def test_unknown_and_infinite_settings_are_none(tmp_path: Path) -> None:
     picture = written(tmp_path, "a.jpg", jpeg("<", {FOCAL: (0xFFFFFFFF, 1), ZOOM: (0, 1)}))
     assert read_lens_settings(picture) == {"digital_zoom": 1.0}
+    directory = struct.pack("<HHHLLL", 1, 0x8769, 2, 10, 26, 0) + b"not a place"
+    block = b"Exif\0\0II" + struct.pack("<HL", 42, 8) + directory
+    data = b"\xff\xd8\xff\xe1" + struct.pack(">H", 2 + len(block)) + block + b"\xff\xda\x00\x02"
+    assert read_lens_settings(written(tmp_path, "odd.jpg", data)) == {}
 
 
 @given(cut=st.integers(0, 200), junk=st.binary(max_size=40))

@@ -24,7 +24,8 @@ HASHES: dict[str, Callable[[bytes], Any]] = {
 
 # One header may hold several challenges: a scheme, then its parameters. What stands in quotes is no scheme.
 _WORDS = re.compile(
-    r'(\w[\w-]{0,40})\s*=\s*(?:"((?:[^"\\]|\\.)*)"|([^\s,]+))|(?:^|,)\s*([A-Za-z][\w-]*)(?![\w-]|\s*=)', re.ASCII
+    r'(\w[\w-]{0,40})\s*=\s*(?:"((?:[^"\\]|\\.)*)"|([^\s,]+))|(?:^|,)\s*(?!auth\b)([A-Za-z][\w-]*)(?![\w-]|\s*=)',
+    re.ASCII,
 )
 
 

@@ -17,7 +17,7 @@ import time
 import traceback
 import urllib.request
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from urllib.error import HTTPError
 from urllib.parse import SplitResult, unquote, urlsplit
 
@@ -149,9 +149,13 @@ _MULTIPART = re.compile(
 )
 
 
-def _delimiter_of(boundary: bytes) -> re.Pattern[bytes]:
+def _delimiters_of(boundary: bytes) -> Iterator[re.Pattern[bytes]]:
+    """Yield the patterns of a delimiter: behind the end of a line, and, as some senders write it, of a picture.
+
+    Two that begin with plain bytes are found ten times as fast as one for both.
+    """
     line = rb"-*" + re.escape(boundary.lstrip(b"-")) if boundary else rb"--[^\r\n]{0,70}"
-    return re.compile(rb"(?:\n|\A|(?<=\xff\xd9))" + line + rb"(?:--)?[ \t]*\r?\n")  # some write no line end before it
+    return (re.compile(before + line + rb"(?:--)?[ \t]*\r?\n") for before in (rb"\n", rb"\xff\xd9"))
 
 
 class StreamPart(Struct, frozen=True):
@@ -176,7 +180,7 @@ class Multipart:
 
     def __init__(self, boundary: str) -> None:
         name = boundary.strip().lstrip("-").encode("latin-1", "replace")
-        self._delimiter = _delimiter_of(name)
+        self._delimiter, self._bare_delimiter = _delimiters_of(name)
         self._longest_delimiter = len(name) + 80
         self._data = bytearray(b"\n")
         self._body_at: int | None = None
@@ -208,14 +212,14 @@ class Multipart:
                 raise LinkLostError(f"a part of the stream is larger than {PART_MAX_BYTES / 1e6:.0f} MB")
             return None
         part = StreamPart(bytes(self._data[self._body_at : end]), self._stamp_s)
-        del self._data[:end]
+        self._data[:end] = b"\n"  # the next delimiter may have no line end of its own
         self._body_at, self._searched = None, 0
         return part
 
     def _read_head(self) -> bool:
         delimiter = self._delimiter.search(self._data)
         if delimiter is None and (other := _MULTIPART.search(self._data)):  # the header stated another boundary
-            self._delimiter = _delimiter_of(other[1])
+            self._delimiter, self._bare_delimiter = _delimiters_of(other[1])
             delimiter = self._delimiter.search(self._data)
         if delimiter is None:
             del self._data[: -self._longest_delimiter]
@@ -237,8 +241,11 @@ class Multipart:
         begin, came = self._body_at or 0, len(self._data)
         whole = begin + self._length if self._length is not None and self._lengths_fit else came
         limit = min(came, whole)
-        found = self._delimiter.search(self._data, max(begin, self._searched - self._longest_delimiter), limit)
+        first = max(begin, self._searched - self._longest_delimiter)
+        found = self._delimiter.search(self._data, first, limit)
         at = limit if found is None else found.start()
+        if bare := self._bare_delimiter.search(self._data, first, at):
+            found, at = bare, bare.start() + 2
         end = _JPEG_END.search(self._data, max(begin, at - 8), at)
         self._searched = limit
         if found is not None:
@@ -474,6 +481,7 @@ def _stream_of(response: http.client.HTTPResponse, read_timeout_s: float, seen: 
             return MjpegStream(body, found[1].decode("latin-1"), begin, read_timeout_s, seen)
     response.close()
     is_whole = begin.startswith(b"\xff\xd8") and response.length is not None
+    is_whole = is_whole and not response.url.lower().endswith((".mjpeg", ".mjpg"))  # pictures behind one another
     if is_whole or response.headers.get_content_type().startswith(("image/", "text/html")):
         what = "a page" if begin.lstrip().startswith(b"<") else "one picture"
         raise DeviceOpenError(f"it gives {what}, not a stream; look for the camera's address of MJPEG or RTSP")

@@ -68,8 +68,9 @@ class VideoFileCamera(RecordedCamera):
         self._subsampling = "4:2:0"  # as nearly every video has it
 
     def _begin(self) -> float:
-        is_row = self._path.suffix.lower() in JPEGS_IN_A_ROW
-        if is_picture(check_file(self._path, "video")) and not is_row:
+        begins_as_picture = is_picture(check_file(self._path, "video"))
+        is_row = begins_as_picture and self._path.suffix.lower() in JPEGS_IN_A_ROW
+        if begins_as_picture and not is_row:
             remedy = "the camera for one is 'images'; several JPEGs behind one another need a name that ends in .mjpeg"
             raise PictureError(f"{self._path} begins as a picture, not as a video: {remedy}")
         capture = self._opened()

@@ -187,7 +187,8 @@ def _rules_do_something(draft: Draft) -> Iterator[Finding]:
 def _conditions(draft: Draft) -> Iterator[Finding]:
     for _, written in written_conditions(draft):
         parts = written.condition.conditions if isinstance(written.condition, AllOf) else (written.condition,)
-        yield from _counts(draft, written.path, parts)
+        if "suppress_when" not in written.path:  # what never suppresses does no harm
+            yield from _counts(draft, written.path, parts)
         if any(are_apart(*pair) for pair in combinations(parts, 2)):  # below `any` or `not` that does no harm
             message = "two limits of this on one figure exclude each other, so it never holds"
             yield Finding(written.path, message, "write any in place of all, or change a limit", "never-true")

@@ -60,8 +60,11 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     plain = re.sub(r"_([cm]?m|in|inch|ft|deg)$", "", re.sub(r"[\s-]+", "_", word.strip().lower()))
     close = [each for each in words if plain in (each, *others.get(each, "").split())]
     if not close and not any(plain in each.split() for each in others.values()):
-        begun = [each for each in words if len(plain) > 2 and (each.startswith(plain) or plain.startswith(f"{each}_"))]
-        close = difflib.get_close_matches(word.lower(), words, n=1, cutoff=0.75) or begun * (len(begun) == 1)
+        lower = {each.lower(): each for each in words}
+        alike = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.75)
+        begun = [each for each in lower if each.startswith(plain) or plain.startswith(f"{each}_")] * (len(plain) > 2)
+        ends = [each for each in lower if each.endswith(f"/{plain}")]  # of a time zone, the city
+        close = [lower[each] for each in alike or ends[:1] or begun * (len(begun) == 1)]
     return f"did you mean '{close[0]}'?" if close else ""
 
 

@@ -19,10 +19,11 @@ _NUMBER = r"(?:[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|\.?nan|[-+]?\.?inf\w*)"
 _NUMBERS = rf"[\s\[]*(?:-\s+)*({_NUMBER}(?:(?:[\s,\[\]]|-\s)+{_NUMBER})*)"
 _MATRIX = r"camera_?matrix\d?|cameraIntrinsics|intrinsics|mtx|K"
 _ANY = r"camera.?matrix|distortion_|\bfx\b|\A\W*(?:%YAML|<\?xml|\{)"
-_DISTORTION = "dist[a-z_]*|cameraExtrinsics|D"  # the second is PhotonVision's old name of it
+_DISTORTION = "dist(?:ortion)?(?:_?coef[a-z_]*)?|D"
+_OLD_DISTORTION = "cameraExtrinsics"  # PhotonVision's old name of it
 # Only behind the names of models: "omni" is also in the name of a maker of sensors.
 _OTHER_LENS = re.compile(
-    r'(?:(?:camera|distortion|lens)_?model|model_type|"type)\W+(\w*(?:equi|fisheye|kannala|omni|eucm|fov|mei)\w*|ds\b)'
+    r'(?:(?:camera|distortion|lens)_?model|model_type|"type)\W+(\w*(?:equi|fisheye|kannala|omni|eucm)\w*|(?:fov|mei|ds)\b)'
     r"|(fisheye)(?:_model)?\W{1,4}(?:1|true)\b",
     re.IGNORECASE,
 )
@@ -44,12 +45,15 @@ def camera_table(text: str) -> dict[str, Any] | None:
     Raises:
         ValueError: It is of another lens, or lacks something; the message says what.
     """
-    if re.search(r"_px\s*=", text):
+    if re.search(r"^[ \t]*\"?\w+_px\"?[ \t]*=", text, re.MULTILINE):
         return None
     _refuse_others(text)
+    text = re.sub("#.*", "", text)
     if not re.search(rf"{_key(_MATRIX)}|{_ANY}", text, re.IGNORECASE):
         return None
-    intrinsics = _numbers(text, _MATRIX)
+    intrinsics, *others = [each for each in _lists(text, _MATRIX) if len(each) > 3] or [[]]
+    if any(each != intrinsics for each in others):
+        raise ValueError("it holds several cameras or resolutions; keep the lines of one")
     places = {9: (0, 4, 2, 5), 4: (0, 1, 2, 3)}.get(len(intrinsics))
     if places is None:
         raise ValueError(f"it has no camera matrix of 3 x 3 numbers; {_WRITE}")
@@ -58,7 +62,8 @@ def camera_table(text: str) -> dict[str, Any] | None:
     if not all(0.25 < centre / side < 0.75 for centre, side in zip(lens[2:], size_px, strict=True)):
         where = f"{lens[2]:g}, {lens[3]:g} px, far from the middle of {size_px[0]} x {size_px[1]} px"
         raise ValueError(f"its optical centre is at {where}: is that the size of its pictures?")
-    coefficients = _numbers(text, _DISTORTION)
+    distortions = [*_lists(text, _DISTORTION), *_lists(text, _OLD_DISTORTION)]
+    coefficients = next((each for each in distortions if len(each) > 3), [])
     if any(coefficients[LENS_COEFFICIENTS:]):
         count = f"{len(coefficients)} coefficients (rational model)"
         raise ValueError(f"its lens has {count}, and a camera file k1, k2, p1, p2 and k3: calibrate with 5 of them")
@@ -70,8 +75,6 @@ def _refuse_others(text: str) -> None:
     for pattern, what in _UNREAD.items():
         if re.search(pattern, text):
             raise ValueError(f"it is {what}")
-    if len(re.findall(_key(_MATRIX), text, re.IGNORECASE)) > 1:
-        raise ValueError("it holds several cameras or resolutions; keep the lines of one")
     if found := _OTHER_LENS.search(text):
         raise ValueError(f"its lens is a fisheye ('{found[1] or found[2]}'), which stadimeter has no model for")
     if re.search(r"\b[xy]_offset\W+[1-9]", text):
@@ -82,17 +85,19 @@ def _key(names: str) -> str:
     return rf'(?<![\w/])(?:{names})\b"?(?:\s*[:>]|\s+type_id)'
 
 
-def _numbers(text: str, names: str) -> list[float]:
-    """Return the list of numbers behind a name, or behind the word ``data`` within its entry."""
-    for between in ("", r'.{0,200}?\bdata"?\s*[:>]'):
-        if found := re.search(_key(names) + between + _NUMBERS, text, re.IGNORECASE | re.DOTALL):
-            each = re.findall(_NUMBER, found[1], re.IGNORECASE)
-            return [float(re.sub(r"\.(?=[ni])", "", number.lower())) for number in each]
-    return []
+def _lists(text: str, names: str) -> list[list[float]]:
+    """Return the lists of numbers behind names, and those behind the word ``data`` within their entries.
+
+    An entry that holds another, such as ``intrinsics`` with a ``camera_matrix``, gives its list once more.
+    """
+    patterns = (_key(names) + between + _NUMBERS for between in ("", r'.{0,200}?\bdata"?\s*[:>]'))
+    found = (each for pattern in patterns for each in re.findall(pattern, text, re.IGNORECASE | re.DOTALL))
+    texts = (re.findall(_NUMBER, each.lower()) for each in found)
+    return [[float(re.sub(r"\.(?=[ni])", "", number)) for number in each] for each in texts]
 
 
 def _size(text: str) -> Sequence[int]:
-    both = _numbers(text, "resolution|image_?size|img_size|DIM")
+    both, *_ = _lists(text, "resolution|image_?size|img_size|DIM") or [[]]
     if len(both) != 2:
         sides = (rf'(?:image_?|\b){side}[\s">:]*(\d+)' for side in ("width", "height"))
         both = [float(found[1]) for side in sides if (found := re.search(side, text, re.IGNORECASE))]

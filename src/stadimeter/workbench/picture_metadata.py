@@ -133,7 +133,7 @@ def read_lens_settings(path: Path) -> Settings:
         (first,) = struct.unpack_from(f"{order}L", tiff, 4)
         settings_at = dict(_entries(tiff, first, order)).get(_EXIF_DIRECTORY, 0)
         values = dict(_entries(tiff, int(settings_at), order)) if settings_at else {}
-    except struct.error:
+    except (struct.error, ValueError):  # the place of the directory may be a text
         return {}
     known = {key: values[tag] for tag, (key, *_) in _SETTINGS.items() if values.get(tag)}
     return {"digital_zoom": 1.0, **known} if known or _DIGITAL_ZOOM in values else {}  # its 0 says the same

@@ -6,6 +6,7 @@ order, since the clock of a Pi without a network may go backwards.
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from collections.abc import Callable, Mapping
@@ -99,7 +100,7 @@ def save_files(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name in files:  # before anything is read, which of a device may never end
-            refuse_other_than_file((folder / name).resolve())
+            refuse_other_than_file(Path(os.path.realpath(folder / name)))
         check()
         changed = {name: text for name, text in files.items() if not holds(folder / name, text.encode())}
         present = [name for name in files if (folder / name).exists()] if changed else []

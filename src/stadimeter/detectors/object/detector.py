@@ -466,7 +466,8 @@ class ObjectDetector:
         """Return the border that may cut off the known length of a thing; an empty string if none does."""
         left, top, right, bottom = thing.corners
         margin_px = max(BORDER_PX, BORDER_SHARE * max(right - left, bottom - top))
-        if self._shape.known == "eye_distance" and thing.eyes is not None:
+        is_by_eyes = self._shape.known == "eye_distance" and not thing.is_turned(self._shape.known)
+        if is_by_eyes and thing.eyes is not None:
             (left, top), (right, bottom) = np.min(thing.eyes, axis=0), np.max(thing.eyes, axis=0)
         across = {"left": left < margin_px, "right": right > frame.width_px - 1 - margin_px}
         down = {"top": top < margin_px, "bottom": bottom > frame.height_px - 1 - margin_px}

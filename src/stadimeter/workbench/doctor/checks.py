@@ -622,7 +622,8 @@ def _pins_of_lines(computer: Computer) -> Iterator[tuple[str, int]]:
     found: dict[str, tuple[str, str, dict[str, str]]] = {}
     for line, file in _our_lines(computer):
         kind, _, rest = line.partition("=")
-        where, values = f"`{line}` of {file}", dict(_SETTING.findall(line if kind == "enable_uart" else rest))
+        settings = (line if kind == "enable_uart" else rest).partition(" #")[0]
+        where, values = f"`{line}` of {file}", dict(_SETTING.findall(settings))
         if kind == "dtoverlay":
             name = _SOUND.sub("sound", next(iter(values), "").removeprefix("pi3-"))
             last = found[where] = ("" if "Pi 5" in computer.model and name.endswith("-bt") else name, where, values)
@@ -726,7 +727,7 @@ def _judge_unit(what: str, unit: str, state: dict[str, str]) -> Diagnosis:
     active, load, result = (state.get(name, f"no {name}") for name in ("ActiveState", "LoadState", "Result"))
     order = f"`sudo systemctl {{}} {unit}`".format
     paths = f"{state.get('FragmentPath')} {state.get('DropInPaths')}".split()
-    ours = " and ".join(each for each in paths if each.startswith(("/etc", "/run")))
+    ours = " and ".join(each for each in paths if each.startswith(("/etc", "/run")) and unit in each)
     changed, revert = (f", changed by {ours}", f"; {order('revert')} undoes that") if ours else ("", "")
     restarts = int(state.get("NRestarts") or 0)
     more = f"{restarts} restarts{changed}" + (f", and says: {state['StatusText']}" if state.get("StatusText") else "")

@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from stadimeter.app.detectors import build_detectors
 from stadimeter.app.live import pictures
 from stadimeter.config.driver_tables import TARGET, read_driver_table
+from stadimeter.config.files import is_file
 from stadimeter.config.plugins import DriverChoice, DriverOptions, ReportsLacks, driver_names, load_driver
 from stadimeter.config.units import UNKNOWN_SIZE, split_spread, validation_context
 from stadimeter.core.camera_model import CameraModel
@@ -282,7 +283,7 @@ class KindStep(SetupStep):
                 "which calibrates the camera; then `stadimeter calibrate size` learns the size of this one"
             )
         self.blank.check(text, known.answers)
-        if self.names_files and not known.path(text).is_file():
+        if self.names_files and not is_file(known.path(text)):
             raise ConfigError(f"there is no file {known.path(text)}")
         answers = {**known.answers, self.key: text}
         is_last = all(each.key in answers for each in self.of.blanks) and not self.of.has_colour
