@@ -200,12 +200,8 @@ def _is_a_view(homography: Matrix, corners_px: Points) -> bool:
     sides = np.roll(corners_px, -1, axis=0) - corners_px
     after = np.roll(sides, -1, axis=0)
     turns = sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0]  # all positive: convex, and not mirrored
-    lengths = side_lengths(corners_px)
-    opposite = max(
-        max(lengths[0], lengths[2]) / max(min(lengths[0], lengths[2]), 1e-9),
-        max(lengths[1], lengths[3]) / max(min(lengths[1], lengths[3]), 1e-9),
-    )
-    return bool((turns > 0).all()) and opposite < MAX_TAPER
+    pairs = np.reshape(side_lengths(corners_px), (2, 2))  # opposite sides stand in one column
+    return bool((turns > 0).all() and (pairs.max(axis=0) < MAX_TAPER * pairs.min(axis=0)).all())
 
 
 # Laying a picture over what a camera sees of it: its four corners, to a few hundredths of a pixel ---------------------
@@ -491,12 +487,8 @@ def _moved_back(step: Points) -> Points:
 def _spread(homography: Matrix) -> Matrix:
     """Return the motion of the frame's corners with those of the picture, shape ``(8, 8)``."""
     spread = np.zeros((8, 8))
-    for axis in range(2):
-        moved = np.zeros(2, np.float64)
-        moved[axis] = PROBE
-        change = (
-            mapped(homography, np.asarray(UNIT_CORNERS + moved, np.float64)) - mapped(homography, UNIT_CORNERS)
-        ) / PROBE
+    for axis, step in enumerate(PROBE * np.eye(2)):
+        change = (mapped(homography, UNIT_CORNERS + step) - mapped(homography, UNIT_CORNERS)) / PROBE
         for corner in range(4):
             spread[2 * corner : 2 * corner + 2, 2 * corner + axis] = change[corner]
     return spread
@@ -656,15 +648,10 @@ class PictureDetector:
 
 def _size_sigma_px(found: Alignment) -> float:
     """Return the standard deviation of the mean of width and height, from the corners' covariance."""
-    corners = found.corners_px
-    slopes = np.zeros((4, 2))
-    for first in range(4):
-        second = (first + 1) % 4
-        along = (corners[second] - corners[first]) / max(float(np.linalg.norm(corners[second] - corners[first])), 1e-9)
-        # Width and height are each the mean of two sides, so each side counts a quarter.
-        slopes[first] -= along / 4
-        slopes[second] += along / 4
-    row = slopes.ravel()
+    sides = np.roll(found.corners_px, -1, axis=0) - found.corners_px
+    along = sides / np.maximum(side_lengths(found.corners_px), 1e-9)[:, None]
+    # Width and height are each the mean of two sides, so each side counts a quarter. A corner ends one and begins one.
+    row = ((np.roll(along, 1, axis=0) - along) / 4).ravel()
     return math.sqrt(max(float(row @ found.covariance_px2 @ row), 0.0))
 
 
@@ -672,10 +659,9 @@ def _read(path: Path) -> Image:
     """Return the picture of a file, no larger than is needed."""
     try:
         image = decode_picture(read_untrusted(path, PICTURE_MAX_BYTES))
-    except UnreadableError as error:
-        raise PictureError(f"the picture {path} cannot be read: {error.reason}") from error
-    except PictureError as error:
-        raise PictureError(f"the picture {path} {error}") from error
+    except (UnreadableError, PictureError) as error:
+        why = f"cannot be read: {error.reason}" if isinstance(error, UnreadableError) else str(error)
+        raise PictureError(f"the picture {path} {why}") from error
     scale = min(1.0, MAX_FILE_SIDE_PX / max(image.shape[:2]))
     size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
