@@ -20,7 +20,6 @@ _NUMBERS = rf"[\s\[]*(?:-\s+)*({_NUMBER}(?:(?:[\s,\[\]]|-\s)+{_NUMBER})*)"
 _MATRIX = r"camera_?matrix\d?|cameraIntrinsics|intrinsics|mtx|K"
 _ANY = r"camera.?matrix|distortion_|\bfx\b|\A\W*(?:%YAML|<\?xml|\{)"
 _DISTORTION = "dist(?:ortion)?(?:_?coef[a-z_]*)?|D"
-_OLD_DISTORTION = "cameraExtrinsics"  # PhotonVision's old name of it
 # Only behind the names of models: "omni" is also in the name of a maker of sensors.
 _OTHER_LENS = re.compile(
     r'(?:(?:camera|distortion|lens)_?model|model_type|"type)\W+(\w*(?:equi|fisheye|kannala|omni|eucm)\w*|(?:fov|mei|ds)\b)'
@@ -62,7 +61,7 @@ def camera_table(text: str) -> dict[str, Any] | None:
     if not all(0.25 < centre / side < 0.75 for centre, side in zip(lens[2:], size_px, strict=True)):
         where = f"{lens[2]:g}, {lens[3]:g} px, far from the middle of {size_px[0]} x {size_px[1]} px"
         raise ValueError(f"its optical centre is at {where}: is that the size of its pictures?")
-    distortions = [*_lists(text, _DISTORTION), *_lists(text, _OLD_DISTORTION)]
+    distortions = _lists(text, _DISTORTION) + _lists(text, "cameraExtrinsics")  # as PhotonVision called it of old
     coefficients = next((each for each in distortions if len(each) > 3), [])
     if any(coefficients[LENS_COEFFICIENTS:]):
         count = f"{len(coefficients)} coefficients (rational model)"
