@@ -159,6 +159,8 @@ WRITTEN_ELSEWHERE = [
     ("port = /dev/ttyUSB0", 'text needs quotes: port = "/dev/ttyUSB0"'),
     ("of = [ball, tag]", 'text needs quotes: "tag"'),
     ("fx_px = 600,5", "a number has a decimal point: 600.5"),
+    ("fx_px = .5", "a number has a digit before its point: 0.5"),
+    ("fx_px = 600.", "a number has a digit behind its point: 600.0"),
     ("invert = yes", 'write true or false; as a text in quotes: "yes"'),
     ('safe = None # "off"', 'TOML has no None: leave the key out; as a text in quotes: "none"'),
     ('diameter: "20 cm"', "write = in place of :"),

@@ -123,6 +123,7 @@ OTHER_WORDS = [
     ("pass", ["base_topic", "password_file"], "password_file"),
     ("Webcam", ["opencv", "picamera2"], "opencv"),
     ("camera", ["opencv", "picamera2"], ""),
+    ("image", ["images", "opencv"], "images"),
     ("servo", ["buzzer", "led", "relay"], ""),
     ("MQTT", ["mqtt", "simulated"], "mqtt"),
     ("page", ["place", "web"], "web"),

@@ -58,7 +58,8 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     """
     words, others = list(known), hints()["words"]
     plain = re.sub(r"_([cm]?m|in|inch|ft|deg)$", "", re.sub(r"[\s-]+", "_", word.strip().lower()))
-    close = [each for each in words if plain in (each, *others.get(each, "").split())]
+    one = plain.removesuffix("s")
+    close = [each for each in words if one == each.removesuffix("s") or plain in others.get(each, "").split()]
     if not close and not any(plain in each.split() for each in others.values()):
         lower = {each.lower(): each for each in words}
         alike = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.75)
