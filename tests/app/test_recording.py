@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings import recording as recording_module
-from stadimeter.app.recordings.journal import RecordedConfiguration
+from stadimeter.app.recordings.journal import FILE_NAME, RecordedConfiguration
 from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter
 from stadimeter.app.recordings.recording_messages import SCHEMAS
 from stadimeter.core.camera_model import CameraModel
@@ -211,6 +211,13 @@ def test_a_recording_cut_anywhere_is_read_as_far_as_it_is_whole_or_refused(tmp_p
         read = read_recording(path)
         assert len(list(records_of(read))) <= 35
         assert read.is_cut_off()
+
+
+def test_a_recording_cut_before_its_configuration_is_not_blamed_on_that(tmp_path, whole):
+    path = tmp_path / "run.mcap"
+    path.write_bytes(whole[: whole.index(FILE_NAME.encode())])
+    with pytest.raises(JournalError, match="the recording ends before its first cycle"):
+        read_recording(path)
 
 
 @contextmanager

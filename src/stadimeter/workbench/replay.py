@@ -179,7 +179,7 @@ def read_mcap(path: Path) -> McapRecording:
         stadimeter_journal=FORMAT,
         version=about.get("version", ""),
         began_at=about.get("began_at", ""),
-        configuration=files.pop(FILE_NAME, ""),
+        configuration=files.pop(FILE_NAME),
         configuration_sha256=about.get("configuration_sha256", ""),
         resumed=files.pop(RESUMED_NAME, ""),
         files={name.removeprefix(CAMERA_FILE): text for name, text in files.items() if name.startswith(CAMERA_FILE)},
@@ -206,7 +206,8 @@ def _about(path: Path) -> tuple[dict[str, str], dict[str, str]]:
         elif opcode == _ATTACHMENT:
             attachment = _call_reader(place, Attachment.read, stream)
             files[attachment.name] = attachment.data.decode(errors="replace")
-    if not about:
+    # What was cut off before the configuration tells nothing; one of a later format may have none.
+    if not about or (about.get("format") == str(FORMAT) and FILE_NAME not in files):
         raise JournalError(f"{path}: the recording ends before its first cycle")
     return about, files
 
