@@ -60,11 +60,8 @@ def with_range(text: str, target: str, colour: str) -> str:
 
 def _load_tried(desk: Desk, text: str, target: str, colour: str) -> Configuration:
     """Return the configuration with the range that is tried, or the saved one; loaded anew where it has changed."""
-
-    def load() -> Configuration:
-        return load_text(desk, with_range(text, target, colour) if colour else text)
-
-    return desk.remember("colours", (text, target, colour), load)
+    wanted = text, target, colour
+    return desk.remember("colours", wanted, lambda: load_text(desk, with_range(*wanted) if colour else text))
 
 
 def _look(configuration: Configuration, target: str, frame: Frame) -> tuple[Detection, Measurement]:
