@@ -432,10 +432,9 @@ class ObjectDetector:
     def _noise_share(self, thing: Thing, at_s: float) -> float:
         """Return the standard deviation of its known length that differs from look to look, as a share."""
         seen_px = thing.length_px(self._shape.known) / thing.place.growth * thing.boxes.scale
-        since = SIGMA_PER_S * (at_s - thing.seen_at_s)
+        since = math.hypot(SIGMA_PER_S * (at_s - thing.seen_at_s), thing.growth_sigma)
         turned = TURNED_SIGMA if thing.is_turned(self._shape.known) else 0.0
-        each_look = math.hypot(self._shape.box_sigma / math.sqrt(2), self._sigma_px / seen_px)
-        return math.hypot(each_look, since, thing.growth_sigma, turned)
+        return math.hypot(self._shape.box_sigma / math.sqrt(2), self._sigma_px / seen_px, since, turned)
 
     def _report(self, thing: Thing, frame: Frame, remark: str = "") -> Detection:
         left, top, right, bottom = thing.corners
